@@ -1,0 +1,78 @@
+"""pcdbench measures how much completing an indoor point cloud helps what you want to do with it.
+
+The names below are the public API. They are imported on first use: `import pcdbench` costs nothing.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from pcdbench.errors import CloudError, PcdbenchError, PluginError, Skipped
+
+if TYPE_CHECKING:
+    from pcdbench.case import Case, make_case
+    from pcdbench.cloud import PointCloud
+    from pcdbench.completer import Completer, ReferenceCompleter
+    from pcdbench.dataset import Dataset
+    from pcdbench.incompleteness import Incompleteness
+    from pcdbench.options import Options
+    from pcdbench.plugins import Register, hookimpl
+    from pcdbench.scene import Box, Scene, Surface, TaggedObject
+    from pcdbench.task import Measurements, Metric, Task
+
+__version__ = "0.1.0"
+
+_MODULE_OF_NAME = {
+    "Box": "scene",
+    "Case": "case",
+    "Completer": "completer",
+    "Dataset": "dataset",
+    "Incompleteness": "incompleteness",
+    "Measurements": "task",
+    "Metric": "task",
+    "Options": "options",
+    "PointCloud": "cloud",
+    "ReferenceCompleter": "completer",
+    "Register": "plugins",
+    "Scene": "scene",
+    "Surface": "scene",
+    "TaggedObject": "scene",
+    "Task": "task",
+    "hookimpl": "plugins",
+    "make_case": "case",
+}
+
+__all__ = [
+    "Box",
+    "Case",
+    "CloudError",
+    "Completer",
+    "Dataset",
+    "Incompleteness",
+    "Measurements",
+    "Metric",
+    "Options",
+    "PcdbenchError",
+    "PluginError",
+    "PointCloud",
+    "ReferenceCompleter",
+    "Register",
+    "Scene",
+    "Skipped",
+    "Surface",
+    "TaggedObject",
+    "Task",
+    "hookimpl",
+    "make_case",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF_NAME:
+        raise AttributeError(f"module 'pcdbench' has no attribute {name!r}")
+    return getattr(importlib.import_module(f"pcdbench.{_MODULE_OF_NAME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

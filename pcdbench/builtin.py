@@ -1,0 +1,21 @@
+"""The harness's own data sets and incompletenesses, registered as a third party's would be."""
+
+from pcdbench.plugins import Register, hookimpl
+
+
+@hookimpl
+def register_datasets(register: Register) -> None:
+    register("indoor", "pcdbench.datasets.synthetic:Indoor", "fifty generated indoor environments, scanned")
+    register("clouds", "pcdbench.datasets.clouds:Clouds", "a scan, or a folder of scans, on disk")
+
+
+@hookimpl
+def register_incompletenesses(register: Register) -> None:
+    register(
+        "holes", "pcdbench.incompletenesses.holes:Holes", "patches of 3 % around random seeds (published)"
+    )
+    register(
+        "short_scan",
+        "pcdbench.incompletenesses.short_scan:ShortScan",
+        "what a short hand-held walk leaves unseen",
+    )

@@ -1,0 +1,62 @@
+"""The case: a scene made incomplete, which is what a completer gets to see (its cloud) and a task measures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.cloud import PointCloud
+from pcdbench.errors import PcdbenchError
+from pcdbench.incompleteness import Incompleteness
+from pcdbench.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene made incomplete.
+
+    Attributes:
+        scene: the scene, complete.
+        incompleteness: the name of what took points away.
+        level: the share of the complete cloud that was taken, in (0, 1).
+        seed: the draw; the same seed takes the same points.
+        kept: (N,) mask over `scene.complete` of the points that are left.
+    """
+
+    scene: Scene
+    incompleteness: str
+    level: float
+    seed: int
+    kept: NDArray[np.bool_]
+
+    @property
+    def cloud(self) -> PointCloud:
+        """What is left of the complete cloud: the completer's input."""
+        return self.scene.complete.select(self.kept)
+
+    @property
+    def removed(self) -> PointCloud:
+        """What was taken away: the region that a completer is asked for."""
+        return self.scene.complete.select(~self.kept)
+
+
+def make_case(scene: Scene, name: str, incompleteness: Incompleteness, level: float, seed: int) -> Case:
+    """Take points away from `scene`, at `level`, by `seed`; the same arguments give the same case.
+
+    Args:
+        name: the name the incompleteness is registered under, kept in the case.
+
+    Raises:
+        PcdbenchError: where the level is not in (0, 1) or the incompleteness breaks its contract.
+    """
+    if not 0.0 < level < 1.0:
+        raise PcdbenchError(f"level must lie between 0 and 1 (a share of the cloud), not {level}")
+    kept = np.asarray(incompleteness.kept(scene, level, np.random.default_rng(seed)))
+    if kept.shape != (len(scene.complete),) or kept.dtype != np.bool_:
+        raise PcdbenchError(
+            f"incompleteness {name!r} must return a boolean mask over the {len(scene.complete)} complete points, "
+            f"not {kept.dtype} of shape {kept.shape}"
+        )
+    return Case(scene, name, level, seed, kept)

@@ -1,0 +1,62 @@
+"""The contract of a completer: it turns an incomplete cloud into a complete one."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from pcdbench.cloud import PointCloud
+from pcdbench.options import Options
+
+if TYPE_CHECKING:
+    from pcdbench.case import Case
+
+
+class Completer(ABC):
+    """Turns an incomplete cloud into a complete one. Subclass it, set what it is, write `complete`.
+
+    One instance serves many clouds, one after the other; build what is costly (a network, say) in
+    `__init__`. A completer never sees the complete cloud.
+
+    Attributes:
+        Options: the model of its options; `self.options` is an instance.
+        version: raise it whenever the output changes; results of other versions are not reused.
+        needs_color: cases without colour are skipped, with that as the reason.
+        citation: whom to cite.
+    """
+
+    Options: ClassVar[type[Options]] = Options
+    version: ClassVar[str] = "1"
+    needs_color: ClassVar[bool] = False
+    citation: ClassVar[str] = ""
+
+    def __init__(self, options: Options | None = None) -> None:
+        self.options = self.Options() if options is None else options
+
+    @abstractmethod
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """The completed cloud, in the frame and unit (metres) of `cloud`.
+
+        Args:
+            cloud: what is left of a scan: never empty, metres, z up, colours or none.
+            rng: the only source of randomness; it is seeded from the cell's key, so that the same cell
+                gives the same cloud whatever ran before it.
+        """
+
+    def weights_digest(self) -> str | None:
+        """SHA-256 of the weights in use, or None for a completer that learned nothing."""
+        return None
+
+
+class ReferenceCompleter(Completer):
+    """A row to measure against, not a method: it may look at the complete cloud. Never ranked."""
+
+    @abstractmethod
+    def answer(self, case: Case, rng: np.random.Generator) -> PointCloud:
+        """The cloud that this reference stands for."""
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """A reference needs the case, not the cloud alone."""
+        raise NotImplementedError(f"{type(self).__name__} is a reference: it answers cases, not clouds")

@@ -1,0 +1,20 @@
+"""The exceptions whose message is meant for the user: one line that says what, where and what to do."""
+
+
+class PcdbenchError(Exception):
+    """Something the user can mend; the command line prints the message alone and exits with code 2."""
+
+
+class PluginError(PcdbenchError):
+    """A plugin could not be loaded, clashes with another one or breaks its contract."""
+
+
+class CloudError(PcdbenchError):
+    """A point cloud cannot be read, written or used."""
+
+
+class Skipped(PcdbenchError):
+    """Raised by a task or completer that cannot say anything about this case; the row keeps the reason.
+
+    A skipped measurement is not a failure: a cloud without colour has no SSIM.
+    """

@@ -1,0 +1,1 @@
+"""Pure functions on arrays: neighbours, sampling, voxels, projection, visibility, registration."""

@@ -1,0 +1,35 @@
+"""Nearest neighbours by KD-trees."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pcdbench.threads import thread_count
+
+
+def nearest(queries: NDArray[np.float64], points: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
+    """Distance to, and index of, the point nearest to each query: (Q,) metres and (Q,) int64.
+
+    Coordinates are centred first, so that map offsets of 10^6 m cost no precision.
+    """
+    center = points.mean(axis=0)
+    distances, index = cKDTree(points - center).query(queries - center, workers=thread_count())
+    return distances, index
+
+
+def median_spacing(points: NDArray[np.float64], at_most: int = 5000) -> float:
+    """Median distance (metres) from a point to its nearest other point: the cloud's density in one number.
+
+    Measured at no more than `at_most` points, evenly picked. Duplicates do not count as neighbours; a cloud
+    with fewer than two distinct points has spacing 0.
+    """
+    if len(points) < 2:
+        return 0.0
+    centered = points - points.mean(axis=0)
+    step = max(1, len(points) // at_most)
+    distances, _ = cKDTree(centered).query(centered[::step], k=min(4, len(points)), workers=thread_count())
+    distances = np.where(distances > 0, distances, np.inf)[:, 1:].min(axis=1)
+    distances = distances[np.isfinite(distances)]
+    return float(np.median(distances)) if len(distances) else 0.0

@@ -1,0 +1,17 @@
+"""Options of a plugin: a pydantic model it declares, so that they can be shown, checked and recorded."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Options(BaseModel):
+    """Base of every plugin's options: frozen, and unknown names are errors.
+
+    A plugin declares a subclass as its `Options`; each field has a default, a type and a description::
+
+        class Options(pcdbench.Options):
+            distance_m: float = Field(0.02, gt=0, description="inlier distance of a plane, metres")
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
