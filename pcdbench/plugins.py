@@ -183,9 +183,7 @@ def _registrations(plugin: object, origin: str) -> list[Registration]:
     found: list[Registration] = []
     for kind, hook in _HOOK_OF_KIND.items():
 
-        def register(
-            name: str, target: str, summary: str, *, reference: bool = False, kind: Kind = kind
-        ) -> None:
+        def register(name: str, target: str, summary: str, *, reference: bool = False, kind: Kind = kind) -> None:
             if not name.replace("_", "a").isalnum() or not name.isascii() or name != name.lower():
                 raise PluginError(f"{kind} name {name!r} may hold only lower case letters, digits and _")
             if ":" not in target:

@@ -6,9 +6,7 @@ from pcdbench.plugins import Register, hookimpl
 @hookimpl
 def register_tasks(register: Register) -> None:
     here = "pcdbench_tasks"
-    register(
-        "chamfer", f"{here}.chamfer:Chamfer", "Chamfer distance and its relatives: is the geometry right?"
-    )
+    register("chamfer", f"{here}.chamfer:Chamfer", "Chamfer distance and its relatives: is the geometry right?")
     register("ssim", f"{here}.ssim:Ssim", "six-face structural similarity: does it look right?")
     register("localization", f"{here}.localization:Localization", "where am I, from one scan and no prior?")
     register("tracking", f"{here}.tracking:Tracking", "where am I going, step by step?")
