@@ -30,6 +30,8 @@ def load_open3d() -> Any:
     try:
         import open3d
     except ImportError as error:
-        raise PcdbenchError(f"open3d cannot be imported ({error}); reinstall it: pip install --force-reinstall open3d")
+        raise PcdbenchError(
+            f"open3d cannot be imported ({error}); reinstall it: pip install --force-reinstall open3d"
+        ) from error
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d
