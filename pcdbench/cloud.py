@@ -92,7 +92,7 @@ class PointCloud:
 def _frozen(array: ArrayLike, dtype: type) -> NDArray[Any]:
     """A read-only array of this type: the caller's own array is never frozen nor shared while writable."""
     source = np.asarray(array)
-    owned = np.ascontiguousarray(source, dtype=dtype)
+    owned: NDArray[Any] = np.ascontiguousarray(source, dtype=dtype)
     if owned is source and not source.flags.writeable:
         return owned
     if np.shares_memory(owned, source):

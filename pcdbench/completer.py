@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from pcdbench.cloud import PointCloud
-from pcdbench.options import Options
+from pcdbench import options as plugin_options
 
 if TYPE_CHECKING:
     from pcdbench.case import Case
@@ -27,12 +27,13 @@ class Completer(ABC):
         citation: whom to cite.
     """
 
-    Options: ClassVar[type[Options]] = Options
+    Options: ClassVar[type[plugin_options.Options]] = plugin_options.Options
+    options: plugin_options.Options
     version: ClassVar[str] = "1"
     needs_color: ClassVar[bool] = False
     citation: ClassVar[str] = ""
 
-    def __init__(self, options: Options | None = None) -> None:
+    def __init__(self, options: plugin_options.Options | None = None) -> None:
         self.options = self.Options() if options is None else options
 
     @abstractmethod

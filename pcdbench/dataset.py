@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
-from pcdbench.options import Options
+from pcdbench import options as plugin_options
 from pcdbench.scene import Scene
 
 
@@ -20,11 +20,12 @@ class Dataset(ABC):
         default_split: taken where the user names none.
     """
 
-    Options: ClassVar[type[Options]] = Options
+    Options: ClassVar[type[plugin_options.Options]] = plugin_options.Options
+    options: plugin_options.Options
     version: ClassVar[str] = "1"
     default_split: ClassVar[str] = "test"
 
-    def __init__(self, path: Path | None = None, options: Options | None = None) -> None:
+    def __init__(self, path: Path | None = None, options: plugin_options.Options | None = None) -> None:
         """Open the data set; `path` is what follows the colon in `--dataset NAME:PATH`."""
         self.path = path
         self.options = self.Options() if options is None else options

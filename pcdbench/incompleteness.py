@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pcdbench.options import Options
+from pcdbench import options as plugin_options
 from pcdbench.scene import Scene
 
 
@@ -20,10 +20,11 @@ class Incompleteness(ABC):
         version: raise it whenever other points are taken.
     """
 
-    Options: ClassVar[type[Options]] = Options
+    Options: ClassVar[type[plugin_options.Options]] = plugin_options.Options
+    options: plugin_options.Options
     version: ClassVar[str] = "1"
 
-    def __init__(self, options: Options | None = None) -> None:
+    def __init__(self, options: plugin_options.Options | None = None) -> None:
         self.options = self.Options() if options is None else options
 
     @abstractmethod

@@ -10,8 +10,11 @@ class Options(BaseModel):
 
     A plugin declares a subclass as its `Options`; each field has a default, a type and a description::
 
-        class Options(pcdbench.Options):
-            distance_m: float = Field(0.02, gt=0, description="inlier distance of a plane, metres")
+        class PlaneFitting(pcdbench.Completer):
+            class Options(pcdbench.Options):
+                distance_m: float = Field(0.02, gt=0, description="inlier distance of a plane, metres")
+
+            options: Options
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -11,7 +11,7 @@ import numpy as np
 
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
-from pcdbench.options import Options
+from pcdbench import options as plugin_options
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,13 +67,14 @@ class Task(ABC):
             the same number before `evaluate` sees it, so that nobody wins by density.
     """
 
-    Options: ClassVar[type[Options]] = Options
+    Options: ClassVar[type[plugin_options.Options]] = plugin_options.Options
+    options: plugin_options.Options
     version: ClassVar[str] = "1"
     metrics: ClassVar[tuple[Metric, ...]] = ()
     needs_color: ClassVar[bool] = False
     caps_density: ClassVar[bool] = True
 
-    def __init__(self, options: Options | None = None) -> None:
+    def __init__(self, options: plugin_options.Options | None = None) -> None:
         self.options = self.Options() if options is None else options
 
     @abstractmethod
