@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from pcdbench.cloud import PointCloud
 from pcdbench import options as plugin_options
+from pcdbench.cloud import PointCloud
 
 if TYPE_CHECKING:
     from pcdbench.case import Case

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
+from pcdbench import options as plugin_options
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
-from pcdbench import options as plugin_options
 
 if TYPE_CHECKING:
     import pandas as pd
