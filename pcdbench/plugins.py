@@ -133,6 +133,18 @@ class Registry:
         names = [registration.name for registration in self.all(kind)]
         raise PluginError(f"no {kind} is called {name!r}; {did_you_mean(name, names)}" + self._broken_note())
 
+    def find(self, name: str) -> list[Registration]:
+        """What is registered under this name, of whatever kind: at least one registration.
+
+        Raises:
+            PluginError: where there is none (with the names it may have meant), or where two plugins claim it.
+        """
+        kinds = [kind for kind in KINDS if (kind, name) in self._found]
+        if kinds:
+            return [self.get(kind, name) for kind in kinds]
+        names = sorted({registration.name for kind in KINDS for registration in self.all(kind)})
+        raise PluginError(f"nothing is called {name!r}; {did_you_mean(name, names)}" + self._broken_note())
+
     def _broken_note(self) -> str:
         if not self.broken:
             return ""
@@ -142,7 +154,7 @@ class Registry:
 def did_you_mean(name: str, names: Iterable[str]) -> str:
     """Half a sentence that names the closest of `names`, or all of them."""
     known = list(names)
-    close = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    close = difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     if close:
         return f"did you mean {' or '.join(close)}?"
     return f"there is {', '.join(known) or 'nothing of that kind'}"

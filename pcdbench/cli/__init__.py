@@ -1,0 +1,55 @@
+"""The command line: one module a command, and one line on stderr for whatever the user can mend."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from typer.core import TyperGroup
+
+from pcdbench import __version__
+from pcdbench.cli.list_ import list_plugins
+from pcdbench.cli.show import show
+from pcdbench.errors import PcdbenchError
+
+
+class _Commands(TyperGroup):
+    """Commands whose expected ends are one line each: an error the user can mend, and Ctrl-C."""
+
+    def invoke(self, ctx: typer.Context) -> object:  # type: ignore[override]  # typer keeps its own name for it
+        try:
+            return super().invoke(ctx)
+        except PcdbenchError as error:
+            typer.echo(f"pcdbench: {error}", err=True)
+            raise typer.Exit(2) from error
+        except KeyboardInterrupt:
+            typer.echo("pcdbench: stopped", err=True)
+            raise typer.Exit(130) from None
+
+
+app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app.command("list")(list_plugins)
+app.command()(show)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"pcdbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    """How much does completing an indoor point cloud help what you want to do with it?
+
+    Exit codes: 0 fine, 1 a gate or an audit failed, 2 wrong use, 3 the run had failed cells.
+    """
+
+
+def main() -> None:
+    """The console script `pcdbench`."""
+    app()

@@ -1,0 +1,101 @@
+"""`pcdbench show NAME`: what one plugin is, what it measures or offers, and its options."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.plugins import Kind, Registration, registry
+
+if TYPE_CHECKING:
+    from pydantic.fields import FieldInfo
+
+    from pcdbench.options import Options
+
+
+def show(name: Annotated[str, typer.Argument(help="A name from `pcdbench list`.")]) -> None:
+    """Show one plugin: where it is from, whom to cite, its metrics or splits, its options."""
+    described = ["\n".join(_description(registration)) for registration in registry().find(name)]
+    typer.echo("\n\n".join(described))
+
+
+def _description(registration: Registration) -> Iterator[str]:
+    plugin = registration.load()
+    yield f"{registration.name}: {registration.kind}{', a reference' if registration.reference else ''}"
+    yield f"  {registration.summary}"
+    yield ""
+    yield f"  from       {registration.origin}"
+    yield f"  class      {registration.target}"
+    yield f"  version    {plugin.version}"
+    if registration.kind in ("completer", "task"):
+        yield f"  needs      {'points and their colours' if plugin.needs_color else 'points alone'}"
+    if registration.kind == "completer" and plugin.citation:
+        yield f"  cite       {plugin.citation}"
+    if registration.kind == "dataset":
+        yield f"  splits     {_splits(plugin)}"
+    if plugin.__doc__:
+        yield ""
+        yield from ("  " + line if line else "" for line in inspect.getdoc(plugin).splitlines())  # type: ignore[union-attr]
+    if registration.kind == "task":
+        yield from _metrics(plugin)
+    yield from _options(registration.kind, registration.name, plugin.Options)
+
+
+def _splits(plugin: Any) -> str:
+    """The splits, the default one first named; where the data set needs a path to tell, what it says."""
+    try:
+        names = plugin().splits()
+    except PcdbenchError as error:
+        return f"default {plugin.default_split}; {error}"
+    return ", ".join(f"{name} (default)" if name == plugin.default_split else name for name in names)
+
+
+def _metrics(plugin: Any) -> Iterator[str]:
+    yield ""
+    yield "  metrics, the main one first"
+    for metric in plugin.metrics:
+        yield f"    {metric.name}  [{metric.unit}], {metric.direction} is better, summed up by its {metric.summary}"
+        yield f"        {metric.formula}"
+
+
+def _options(kind: Kind, name: str, model: type[Options]) -> Iterator[str]:
+    yield ""
+    if not model.model_fields:
+        yield "  options: none"
+        return
+    yield "  options"
+    for key, field in model.model_fields.items():
+        default = (
+            "required" if field.is_required() else f"default {_value(field.get_default(call_default_factory=True))}"
+        )
+        yield f"    {key}  {_type(field)}, {default}"
+        if field.description:
+            yield f"        {field.description}"
+    key, field = next(iter(model.model_fields.items()))
+    example = _value(field.get_default(call_default_factory=True))
+    yield ""
+    yield f"  for example: pcdbench run --{kind} {name} --option {name}.{key}={example}"
+
+
+def _type(field: FieldInfo) -> str:
+    """The type as an author would write it, with its bounds: `float > 0`."""
+    annotation = inspect.formatannotation(field.annotation)
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+    bounds = [
+        f"{sign} {getattr(bound, attribute)}"
+        for bound in field.metadata
+        for attribute, sign in signs.items()
+        if getattr(bound, attribute, None) is not None
+    ]
+    return " ".join([annotation, " and ".join(bounds)]) if bounds else annotation
+
+
+def _value(value: Any) -> str:
+    """A value as it is typed on the command line."""
+    if isinstance(value, (list, tuple)):
+        return ",".join(map(_value, value))
+    return str(value)
