@@ -1,0 +1,115 @@
+"""Subsets of a cloud: blue noise (Poisson disk) of an exact size."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+CANDIDATES_PER_VOXEL = 6
+RADIUS_STEP = 0.95
+MAX_STEPS = 60
+
+
+def poisson_disk_indices(points: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """(count,) sorted rows of `points`: a subset spaced evenly, whatever the density of the source.
+
+    Dart throwing with random priorities: a point is taken if no point of higher priority lies within the
+    radius. The radius starts larger than what fits and shrinks by 5 % a pass, until exactly `count` points
+    are taken; so the smallest distance between them is the last radius (0 only where the source holds too few
+    points apart from each other, and the rest is filled up at random). Isolated points are always taken.
+
+    Args:
+        points: (N, 3) metres.
+        count: how many to take; all rows are returned where it is N or more.
+        rng: decides the priorities.
+    """
+    total = len(points)
+    if count >= total:
+        return np.arange(total, dtype=np.int64)
+    if count <= 0:
+        return np.empty(0, np.int64)
+    centered = np.asarray(points, np.float64) - points.min(axis=0)
+    order = rng.permutation(total)
+    edge, voxels = _voxels_for(centered, count)
+    candidates = _first_per_voxel(voxels, order, CANDIDATES_PER_VOXEL)
+    radius = 0.9 * edge
+    taken = _dart_throwing(centered[candidates], count, radius)
+    chosen = candidates[taken]
+    if len(chosen) < count:
+        free = np.ones(total, np.bool_)
+        free[chosen] = False
+        rest = order[free[order]]
+        chosen = np.concatenate([chosen, rest[: count - len(chosen)]])
+    return np.sort(chosen).astype(np.int64)
+
+
+def _dart_throwing(points: NDArray[np.float64], count: int, radius: float) -> NDArray[np.int64]:
+    """At most `count` rows of `points`, whose order is their priority, by radii shrinking from `radius`."""
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    # Rows are in order of priority, so the first of a sorted pair wins over the second.
+    winner, loser = np.sort(pairs, axis=1).T if len(pairs) else (np.empty(0, np.int64),) * 2
+    apart = np.sqrt(((points[winner] - points[loser]) ** 2).sum(axis=1))
+    taken = np.zeros(len(points), np.bool_)
+    for _ in range(MAX_STEPS):
+        close = apart <= radius
+        winner, loser, apart = winner[close], loser[close], apart[close]
+        added = _greedy(winner, loser, taken)
+        if taken.sum() + len(added) >= count:
+            return np.concatenate([np.flatnonzero(taken), added[: count - int(taken.sum())]])
+        taken[added] = True
+        radius *= RADIUS_STEP
+    return np.flatnonzero(taken)
+
+
+def _greedy(winner: NDArray[np.int64], loser: NDArray[np.int64], taken: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Rows to add to `taken` so that no pair holds two of them: what going through all rows in order would add."""
+    open_ = ~taken
+    open_[loser[taken[winner]]] = False
+    open_[winner[taken[loser]]] = False
+    added = []
+    while open_.any():
+        alive = open_[winner] & open_[loser]
+        winner, loser = winner[alive], loser[alive]
+        best = open_.copy()
+        best[loser] = False
+        added.append(np.flatnonzero(best))
+        open_ &= ~best
+        open_[loser[best[winner]]] = False
+    return np.sort(np.concatenate(added)) if added else np.empty(0, np.int64)
+
+
+def _voxels_for(points: NDArray[np.float64], count: int) -> tuple[float, NDArray[np.int64]]:
+    """An edge (metres) at which the points fill about `count` voxels, and each point's voxel number."""
+    extent = float(np.ptp(points, axis=0).max())
+    if extent == 0.0:
+        return 0.0, np.zeros(len(points), np.int64)
+    edge = extent / max(1.0, np.sqrt(count / 4))
+    for _ in range(8):
+        voxels = _voxel_numbers(points, edge)
+        filled = _distinct(voxels)
+        if abs(filled - count) <= 0.1 * count:
+            break
+        # Surfaces: the number of filled voxels goes with the edge's inverse square.
+        edge *= float(np.clip(np.sqrt(filled / count), 0.25, 4.0))
+    return edge, voxels
+
+
+def _voxel_numbers(points: NDArray[np.float64], edge: float) -> NDArray[np.int64]:
+    cells = np.minimum(points / edge, 2.0**20).astype(np.int64)
+    return (cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2]
+
+
+def _distinct(numbers: NDArray[np.int64]) -> int:
+    ordered = np.sort(numbers)
+    return int((ordered[1:] != ordered[:-1]).sum()) + 1
+
+
+def _first_per_voxel(voxels: NDArray[np.int64], order: NDArray[np.int64], at_most: int) -> NDArray[np.int64]:
+    """The first `at_most` rows of each voxel in `order`, in that order."""
+    numbers = voxels[order]
+    by_voxel = np.argsort(numbers, kind="stable")
+    grouped = numbers[by_voxel]
+    starts = np.flatnonzero(np.concatenate([[True], grouped[1:] != grouped[:-1]]))
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.append(starts, len(order))))
+    return order[np.sort(by_voxel[rank < at_most])]
