@@ -1,0 +1,306 @@
+"""For plugin authors: `check_completer` and `check_task` hold a plugin to its contract, in one line and without data.
+
+>>> from pcdbench.testing import check_completer
+>>> check_completer(MyCompleter)  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.case import Case
+from pcdbench.cloud import PointCloud
+from pcdbench.completer import Completer, ReferenceCompleter
+from pcdbench.errors import Skipped
+from pcdbench.geometry.neighbors import nearest
+from pcdbench.keys import canonical_json
+from pcdbench.options import Options
+from pcdbench.scene import Box, Scene, Surface, TaggedObject
+from pcdbench.task import Measurements, Metric, Task
+
+_MAP_OFFSET_M = np.array([2.0**20, -(2.0**20), 2.0**10])
+_HALVES = 3
+
+
+def check_completer(completer: Completer | type[Completer], *, scene: Scene | None = None) -> None:
+    """Hold a completer to its contract on small generated clouds.
+
+    It must return a cloud, give the same one for the same rng whatever it did before, leave its input alone,
+    manage without colour (unless it declares `needs_color`) and with one point, two, a line, or many at one
+    place (or raise `pcdbench.Skipped`), and keep millimetres in map coordinates of 10^6 m. Its options must
+    have defaults and descriptions.
+
+    Args:
+        completer: the class, built with its default options, or an instance.
+        scene: what to complete; `small_room()` unless given.
+
+    Raises:
+        AssertionError: with one line that says what does not hold.
+    """
+    completer = completer() if isinstance(completer, type) else completer
+    who = type(completer).__name__
+    _check_declaration(who, completer)
+    digest = completer.weights_digest()
+    _require(
+        digest is None or re.fullmatch("[0-9a-f]{64}", digest) is not None,
+        f"{who}.weights_digest() must be None or a SHA-256 in hex, not {digest!r}",
+    )
+    scene = scene or small_room()
+    case = half_missing(scene, seed=0)
+    if isinstance(completer, ReferenceCompleter):
+        _check_repeats(who, lambda rng: completer.answer(case, rng), scene.dense, scene.complete)
+        return
+    cloud = case.cloud
+    # A call on another cloud in between shows state that leaks from one cell into the next.
+    other = half_missing(scene, seed=1).cloud.without_colors() if not completer.needs_color else cloud
+
+    def completed(rng: np.random.Generator) -> PointCloud:
+        completer.complete(other, np.random.default_rng(99))
+        return completer.complete(cloud, rng)
+
+    result = _check_repeats(who, completed, cloud, other)
+    for name, tiny in _tiny_clouds(completer.needs_color):
+        try:
+            _require_cloud(f"{who} on {name}", completer.complete(tiny, np.random.default_rng(0)))
+        except Skipped:
+            continue
+        except Exception as error:
+            raise AssertionError(f"{who} on {name}: {type(error).__name__}: {error}; raise pcdbench.Skipped") from error
+    far = PointCloud(cloud.points + _MAP_OFFSET_M, cloud.colors)
+    returned = completer.complete(far, np.random.default_rng(0)).points - _MAP_OFFSET_M
+    off_m = max(np.median(nearest(returned, result.points)[0]), np.median(nearest(result.points, returned)[0]))
+    _require(
+        off_m < 1e-3,
+        f"{who} at map coordinates of 10^6 m is off by {off_m * 1000:.1f} mm; centre the points before float32",
+    )
+
+
+def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
+    """Hold a task to its contract on a small generated room.
+
+    It must measure exactly the metrics it declares, in finite numbers, the same ones for the same rng; leave
+    case and cloud alone; bear a completed cloud of one point and one without colour (or raise
+    `pcdbench.Skipped`); and its main metric must be better for the truth than for half of it.
+
+    Args:
+        task: the class, built with its default options, or an instance.
+        scene: what to measure; `small_room()` unless given.
+
+    Raises:
+        AssertionError: with one line that says what does not hold.
+    """
+    task = task() if isinstance(task, type) else task
+    who = type(task).__name__
+    _check_declaration(who, task)
+    _check_metrics(who, task.metrics)
+    scene = scene or small_room()
+    halves = [half_missing(scene, seed=draw) for draw in range(_HALVES)]
+    truth = [_measure(who, task, case, scene.complete) for case in halves]
+    with _global_randomness(1):
+        again = _measure(who, task, halves[0], scene.complete)
+    _require(
+        _as_json(truth[0]) == _as_json(again), f"{who} measured other values for the same rng; use no other randomness"
+    )
+    one_point = scene.complete.select(np.arange(1))
+    odd = {"one point": one_point} | ({} if task.needs_color else {"no colour": scene.complete.without_colors()})
+    for name, cloud in odd.items():
+        try:
+            _measure(f"{who} on a completed cloud of {name}", task, halves[0], cloud)
+        except Skipped:
+            continue
+    floor = [_measure(who, task, case, case.cloud) for case in halves]
+    main = task.metrics[0]
+    best, worst = _figure(main, truth), _figure(main, floor)
+    _require(
+        best < worst if main.direction == "lower" else best > worst,
+        f"{who}: {main.name} ({main.direction} is better) is {best:.4g} for the truth and {worst:.4g} for half of it; "
+        "a task that cannot tell them apart measures nothing",
+    )
+
+
+def half_missing(scene: Scene, seed: int) -> Case:
+    """The scene without the half of its points that lies nearest to one of them, drawn by `seed`."""
+    points = scene.complete.points
+    around = points[np.random.default_rng(seed).integers(len(points))]
+    order = np.argsort(np.linalg.norm(points - around, axis=1), kind="stable")
+    kept = np.ones(len(points), dtype=bool)
+    kept[order[: len(points) // 2]] = False
+    return Case(scene, "half_missing", 0.5, seed, kept)
+
+
+def small_room(points: int = 4000, seed: int = 0) -> Scene:
+    """A furnished, textured room of 5 x 4 x 2.5 m, sampled evenly: enough to try a plugin on.
+
+    Args:
+        points: of the complete cloud; the dense one has ten times as many.
+    """
+    rng = np.random.default_rng(seed)
+    corners, colors = _room_faces()
+    areas = np.linalg.norm(np.cross(corners[:, 1], corners[:, 2]), axis=1)
+    face = rng.choice(len(corners), 10 * points, p=areas / areas.sum())
+    along = rng.random((10 * points, 2))
+    offset = along[:, :1] * corners[face, 1] + along[:, 1:] * corners[face, 2]
+    # Rounded to 2^-20 m, so that moving the room to map coordinates is exact.
+    xyz = np.round((corners[face, 0] + offset) * 2**20) / 2**20
+    tiles = np.floor(offset / 0.4 + 1e-9).sum(axis=1) % 2
+    stripes = 0.1 * np.sin(offset @ np.array([9.0, 7.0, 5.0]))
+    rgb = np.clip(colors[face] * (0.7 + 0.3 * tiles)[:, None] + stripes[:, None], 0, 1)
+    dense = PointCloud(xyz, rgb)
+    index = np.sort(rng.choice(len(dense), points, replace=False))
+    origin, u, v = corners[:, 0], corners[:, 1], corners[:, 2]
+    vertices = np.stack([origin, origin + u, origin + u + v, origin + v], axis=1).reshape(-1, 3)
+    first = 4 * np.arange(len(corners))[:, None]
+    triangles = (first[:, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+    surface = Surface(vertices, triangles, np.zeros(len(triangles), dtype=bool))
+    objects = tuple(TaggedObject(label, Box((low + high) / 2, high - low)) for label, low, high, _ in _furniture())
+    return Scene("small-room", dense.select(index), dense, index, objects, surface, source=f"small_room, seed {seed}")
+
+
+def _furniture() -> list[tuple[str, NDArray, NDArray, tuple[float, float, float]]]:
+    """Label, lowest and highest corner (metres), colour."""
+    boxes = [
+        ("cabinet", (0.0, 0.5, 0.0), (0.6, 1.7, 1.8), (0.6, 0.4, 0.2)),
+        ("table", (2.6, 1.4, 0.0), (4.0, 2.2, 0.75), (0.8, 0.7, 0.4)),
+        ("radiator", (2.0, 3.85, 0.1), (3.6, 4.0, 0.9), (0.9, 0.9, 0.9)),
+        ("bin", (4.6, 3.6, 0.0), (4.9, 3.9, 0.4), (0.2, 0.3, 0.7)),
+    ]
+    return [(label, np.array(low), np.array(high), color) for label, low, high, color in boxes]
+
+
+def _room_faces() -> tuple[NDArray, NDArray]:
+    """Faces as (F, 3, 3): a corner and two edges, metres; and their colours (F, 3)."""
+    room = (np.zeros(3), np.array([5.0, 4.0, 2.5]))
+    shells = [(*room, (0.75, 0.7, 0.65))] + [(low, high, color) for _, low, high, color in _furniture()]
+    faces = []
+    colors = []
+    for low, high, color in shells:
+        edges = np.diag(high - low)
+        for axis in range(3):
+            u, v = np.delete(edges, axis, axis=0)
+            for side in (low, low + edges[axis]):
+                faces.append((side, u, v))
+                # Every side its own tint: a room whose walls look alike says little about colour.
+                tint = 1.0 + 0.15 * (axis - 1) + (0.08 if side is low else -0.08)
+                colors.append(np.clip(np.array(color) * tint, 0, 1))
+    return np.array(faces), np.array(colors)
+
+
+def _tiny_clouds(colored: bool) -> Iterator[tuple[str, PointCloud]]:
+    line = np.linspace(0, 1, 50)[:, None] * np.array([1.0, 0.5, 0.0])
+    for name, points in (
+        ("one point", line[:1]),
+        ("two points", line[:2]),
+        ("points on a line", line),
+        ("fifty points at one place", np.repeat(line[7:8], 50, axis=0)),
+    ):
+        yield name, PointCloud(points, np.full(points.shape, 0.5) if colored else None)
+
+
+def _check_declaration(who: str, plugin: Completer | Task) -> None:
+    """What every plugin declares: a version, and options that can be shown, recorded and sent to a worker."""
+    _require(isinstance(plugin.version, str) and plugin.version != "", f"{who}.version must be a text such as '1'")
+    model = plugin.Options
+    _require(issubclass(model, Options), f"{who}.Options must be a subclass of pcdbench.Options")
+    _require(bool(model.model_config.get("frozen")), f"{who}.Options must stay frozen")
+    for name, field in model.model_fields.items():
+        _require(not field.is_required(), f"{who}: option {name} needs a default")
+        _require(bool(field.description), f"{who}: option {name} needs a description: Field(..., description=...)")
+    recorded = plugin.options.model_dump(mode="json")
+    _require(
+        model.model_validate(json.loads(canonical_json(recorded))) == plugin.options,
+        f"{who}: options do not survive being written as JSON and read back",
+    )
+    _require(pickle.loads(pickle.dumps(plugin.options)) == plugin.options, f"{who}: options cannot be pickled")
+
+
+def _check_metrics(who: str, metrics: tuple[Metric, ...]) -> None:
+    names = [metric.name for metric in metrics]
+    _require(bool(names), f"{who}.metrics is empty; declare at least one pcdbench.Metric")
+    _require(len(set(names)) == len(names), f"{who}.metrics names a metric twice: {names}")
+    for metric in metrics:
+        _require(bool(metric.unit and metric.formula), f"{who}: metric {metric.name} needs a unit and a formula")
+        _require(metric.direction in ("lower", "higher"), f"{who}: {metric.name}: which direction is better?")
+
+
+def _check_repeats(who: str, make: Callable[[np.random.Generator], PointCloud], *inputs: PointCloud) -> PointCloud:
+    """The cloud that `make(rng)` returns, twice the same, with its inputs as they were."""
+    before = [cloud.points.copy() for cloud in inputs]
+    with _global_randomness(0):
+        first = _require_cloud(who, make(np.random.default_rng(0)))
+    with _global_randomness(1):
+        second = _require_cloud(who, make(np.random.default_rng(0)))
+    same_colors = first.colors is second.colors is None or (
+        first.colors is not None and second.colors is not None and np.array_equal(first.colors, second.colors)
+    )
+    _require(
+        np.array_equal(first.points, second.points) and same_colors,
+        f"{who} gave two clouds for the same input and rng; take randomness from the rng alone",
+    )
+    for cloud, points in zip(inputs, before, strict=True):
+        _require(np.array_equal(cloud.points, points), f"{who} changed its input")
+    return first
+
+
+def _measure(who: str, task: Task, case: Case, completed: PointCloud) -> Measurements:
+    """The measurements of one cloud, shown to be what was declared, with case and cloud as they were."""
+    looked_at = [case.kept, case.scene.complete.points, case.scene.dense.points, completed.points]
+    before = [array.copy() for array in looked_at]
+    result = task.evaluate(case, completed, np.random.default_rng(case.seed))
+    _require(isinstance(result, Measurements), f"{who} must return pcdbench.Measurements, not {type(result).__name__}")
+    declared, measured = {metric.name for metric in task.metrics}, set(result.samples)
+    _require(declared == measured, f"{who} declares {sorted(declared)} but measures {sorted(measured)}")
+    for name, samples in result.samples.items():
+        _require(
+            len(samples) > 0, f"{who}: {name} has no samples; raise pcdbench.Skipped where there is nothing to say"
+        )
+        _require(bool(np.isfinite(np.asarray(samples, float)).all()), f"{who}: {name} is not finite: {samples}")
+    for name, labels in result.labels.items():
+        _require(len(labels) == len(result.samples.get(name, ())), f"{who}: {name} needs one label a sample")
+    _as_json(result)
+    for array, copy in zip(looked_at, before, strict=True):
+        _require(np.array_equal(array, copy), f"{who} changed what it measured")
+    return result
+
+
+def _as_json(result: Measurements) -> str:
+    samples = {name: [float(value) for value in values] for name, values in result.samples.items()}
+    labels = {name: list(values) for name, values in result.labels.items()}
+    try:
+        return canonical_json([samples, labels, dict(result.trace)])
+    except (TypeError, ValueError) as error:
+        raise AssertionError(f"measurements must be plain numbers, lists and texts: {error}") from error
+
+
+def _figure(metric: Metric, results: list[Measurements]) -> float:
+    samples = np.concatenate([np.asarray(result.samples[metric.name], float) for result in results])
+    return float(np.median(samples) if metric.summary == "median" else np.mean(samples))
+
+
+@contextmanager
+def _global_randomness(seed: int) -> Iterator[None]:
+    """NumPy's global generator in another state, so that whoever draws from it is found out."""
+    state = np.random.get_state()  # noqa: NPY002
+    np.random.seed(seed)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(state)  # noqa: NPY002
+
+
+def _require_cloud(who: str, result: object) -> PointCloud:
+    if not isinstance(result, PointCloud):
+        raise AssertionError(f"{who} must return a PointCloud, not {type(result).__name__}")
+    _require(len(result) > 0, f"{who} returned an empty cloud; raise pcdbench.Skipped where nothing can be done")
+    return result
+
+
+def _require(holds: bool, otherwise: str) -> None:
+    if not holds:
+        raise AssertionError(otherwise)
