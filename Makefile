@@ -1,0 +1,31 @@
+# make demo: set up, then run every completer on every task and show the table.
+# make test: set up, then run the tests.
+# Both need Python (3.11 or newer), git and make; set-up is done once, in .venv.
+PYTHON ?= python3
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip install -q --no-build-isolation -c constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: demo test lint
+
+demo: .venv/installed
+	$(BIN)/pcdbench run --completer all --task all
+
+test: .venv/installed-dev
+	$(BIN)/python -m pytest -n 2
+
+lint: .venv/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+.venv/installed: pyproject.toml constraints.txt
+	@echo "Setting up .venv (once; about two minutes)"
+	$(PYTHON) -m venv .venv
+	$(PIP) setuptools
+	$(PIP) -e .
+	@touch $@
+
+.venv/installed-dev: .venv/installed
+	$(PIP) -e ".[dev]"
+	@touch $@

@@ -1,0 +1,59 @@
+"""Fixtures that many tests share: the real scans, a cache of the session's own, small clouds and a small room."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pcdbench.case import Case
+from pcdbench.cloud import PointCloud
+from pcdbench.scene import Scene
+from pcdbench.testing import half_missing, small_room
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def session_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A cache folder of this session's own, shared by its xdist workers and by the commands that tests run.
+
+    `PCDBENCH_TEST_CACHE` names one to keep from session to session.
+    """
+    kept = os.environ.get("PCDBENCH_TEST_CACHE")
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    path = Path(kept) if kept else shared / "pcdbench-cache"
+    path.mkdir(parents=True, exist_ok=True)
+    os.environ["PCDBENCH_CACHE"] = str(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Path:
+    """The folder of real scans; tests that want them skip where it is missing."""
+    path = Path(os.environ.get("PCDBENCH_REAL_DATA") or ROOT.parent / "shared" / "data" / "real")
+    if not path.is_dir():
+        pytest.skip(f"no real scans at {path}; PCDBENCH_REAL_DATA names another place")
+    return path
+
+
+@pytest.fixture(scope="session")
+def room() -> Scene:
+    """A furnished, textured room of 4,000 points, with its mesh and boxes."""
+    return small_room()
+
+
+@pytest.fixture(scope="session")
+def half_room(room: Scene) -> Case:
+    """The room, half of it missing."""
+    return half_missing(room, seed=0)
+
+
+@pytest.fixture
+def cloud() -> PointCloud:
+    """A hundred coloured points in a cube of 1 m."""
+    rng = np.random.default_rng(0)
+    return PointCloud(rng.random((100, 3)), rng.random((100, 3)))
