@@ -1,0 +1,42 @@
+"""Task `ssim`: does it look right? Structural similarity of the cloud's six faces with those of the truth."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from pcdbench import options
+from pcdbench.case import Case
+from pcdbench.cloud import PointCloud
+from pcdbench.errors import Skipped
+from pcdbench.geometry.projection import six_face_similarity
+from pcdbench.geometry.voxels import VoxelGrid, edge_from_density, voxelize
+from pcdbench.task import Measurements, Metric, Task
+
+
+class Ssim(Task):
+    """Six-face SSIM of the completed and the complete cloud (docs/tasks/ssim.md)."""
+
+    class Options(options.Options):
+        voxel_spacings: float = Field(
+            4.0, gt=0, description="voxel edge, in median nearest-neighbour distances of the complete cloud"
+        )
+
+    options: Options
+    needs_color = True
+    metrics = (
+        Metric("ssim", "SSIM, at most 1", "higher", "mean SSIM of the colour images of the voxels from six sides"),
+    )
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        """One value; nothing is random."""
+        complete = case.scene.complete
+        if complete.colors is None or completed.colors is None:
+            raise Skipped("ssim compares colours, and the cloud has none")
+        edge_m = edge_from_density(complete.points, self.options.voxel_spacings)
+        if not edge_m > 0:
+            raise Skipped("the complete cloud has no two distinct points, so no resolution to look at it")
+        grid = VoxelGrid.covering(complete.points.min(axis=0), complete.points.max(axis=0), edge_m)
+        truth = voxelize(complete.points, complete.colors, grid)
+        answer = voxelize(completed.points, completed.colors, grid)
+        return Measurements({"ssim": [six_face_similarity(answer, truth)]})
