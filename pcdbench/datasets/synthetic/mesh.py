@@ -1,0 +1,106 @@
+"""Triangle meshes whose every triangle knows its material and a tint that sets objects apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcdbench.datasets.synthetic.materials import material_id
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles in metres, wound counter-clockwise seen from outside.
+
+    Attributes:
+        vertices: (V, 3) float64 metres.
+        triangles: (T, 3) int64 indices into `vertices`.
+        materials: (T,) int32 indices into `materials.MATERIALS`.
+        tints: (T,) int64 seeds that vary a material from object to object; the same tint looks the same.
+    """
+
+    vertices: Floats
+    triangles: NDArray[np.int64]
+    materials: NDArray[np.int32]
+    tints: NDArray[np.int64]
+
+    @staticmethod
+    def of(vertices: ArrayLike, triangles: ArrayLike, material: str, tint: int) -> Mesh:
+        """A mesh of one material, without the triangles that have no area (poles, closed caps)."""
+        points = np.asarray(vertices, np.float64).reshape(-1, 3)
+        corners = np.asarray(triangles, np.int64).reshape(-1, 3)
+        a, b, c = points[corners[:, 0]], points[corners[:, 1]], points[corners[:, 2]]
+        corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-10]
+        count = len(corners)
+        return Mesh(
+            points, corners, np.full(count, material_id(material), np.int32), np.full(count, int(tint), np.int64)
+        )
+
+    @staticmethod
+    def merge(meshes: Iterable[Mesh]) -> Mesh:
+        """All of them as one mesh; of none, an empty mesh."""
+        parts: Sequence[Mesh] = list(meshes)
+        if not parts:
+            return Mesh(np.zeros((0, 3)), np.zeros((0, 3), np.int64), np.zeros(0, np.int32), np.zeros(0, np.int64))
+        starts = np.cumsum([0] + [len(part.vertices) for part in parts[:-1]])
+        return Mesh(
+            np.concatenate([part.vertices for part in parts]),
+            np.concatenate([part.triangles + start for part, start in zip(parts, starts, strict=True)]),
+            np.concatenate([part.materials for part in parts]),
+            np.concatenate([part.tints for part in parts]),
+        )
+
+    def moved(self, translation: ArrayLike, yaw_rad: float = 0.0) -> Mesh:
+        """Turned by `yaw_rad` about the z axis of its own frame, then translated (3,) metres."""
+        turned = self.vertices
+        if yaw_rad:
+            turned = turned @ rotation_about("z", yaw_rad).T
+        return replace(self, vertices=turned + np.asarray(translation, np.float64))
+
+    def rotated(self, axis: str, angle_rad: float) -> Mesh:
+        """Turned by `angle_rad` about the x, y or z axis of its own frame."""
+        return replace(self, vertices=self.vertices @ rotation_about(axis, angle_rad).T)
+
+    def scaled(self, factors: ArrayLike) -> Mesh:
+        """Scaled about the origin by one positive factor or by three (x, y, z)."""
+        return replace(self, vertices=self.vertices * np.asarray(factors, np.float64))
+
+    def deformed(self, displaced: Callable[[Floats], Floats]) -> Mesh:
+        """With `displaced(vertices)` in place of its vertices: bends, sags and tapers."""
+        return replace(self, vertices=np.asarray(displaced(self.vertices), np.float64))
+
+    def with_material(self, name: str, tint: int) -> Mesh:
+        """All of it in one material.
+
+        Raises:
+            KeyError: there is no material of that name.
+        """
+        count = len(self.triangles)
+        return replace(
+            self, materials=np.full(count, material_id(name), np.int32), tints=np.full(count, int(tint), np.int64)
+        )
+
+    def bounds(self) -> tuple[Floats, Floats]:
+        """The lowest and the highest corner, each (3,) metres."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+    def triangle_normals(self) -> Floats:
+        """(T, 3) outward unit normals."""
+        a, b, c = (self.vertices[self.triangles[:, corner]] for corner in range(3))
+        normals = np.cross(b - a, c - a)
+        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def rotation_about(axis: str, angle_rad: float) -> Floats:
+    """(3, 3) right-handed rotation about a coordinate axis `x`, `y` or `z`."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    rotation = np.eye(3)
+    rotation[first, first] = rotation[second, second] = cosine
+    rotation[first, second], rotation[second, first] = -sine, sine
+    return rotation

@@ -1,0 +1,74 @@
+"""Triangulation of simple polygons with holes, by clipping ears; for outlines of some dozens of corners."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def signed_area(ring: Floats) -> float:
+    """The area of a ring (K, 2), positive where it runs counter-clockwise."""
+    x, y = ring[:, 0], ring[:, 1]
+    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2
+
+
+def triangulated(ring: Floats) -> NDArray[np.int64]:
+    """(K - 2, 3) triangles of a counter-clockwise simple ring (K, 2), counter-clockwise.
+
+    Source: G. H. Meisters, "Polygons have ears", American Mathematical Monthly 82 (1975).
+    """
+    left = list(range(len(ring)))
+    triangles: list[tuple[int, int, int]] = []
+    while len(left) > 3:
+        place = next((k for k in range(len(left)) if _is_ear(ring, left, k)), 0)
+        triangles.append((left[place - 1], left[place], left[(place + 1) % len(left)]))
+        del left[place]
+    triangles.append((left[0], left[1], left[2]))
+    return np.array(triangles, np.int64)
+
+
+def _is_ear(ring: Floats, left: list[int], place: int) -> bool:
+    a, b, c = ring[left[place - 1]], ring[left[place]], ring[left[(place + 1) % len(left)]]
+    if _turn(a, b, c) <= 1e-14:
+        return False
+    others = ring[left]
+    inside = (_turns(a, b, others) >= 0) & (_turns(b, c, others) >= 0) & (_turns(c, a, others) >= 0)
+    corner = np.any(np.all(others[:, None, :] == np.stack([a, b, c]), axis=2), axis=1)
+    return not bool(np.any(inside & ~corner))
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
+def _turns(a: Floats, b: Floats, points: Floats) -> Floats:
+    return (b[0] - a[0]) * (points[:, 1] - a[1]) - (b[1] - a[1]) * (points[:, 0] - a[0])
+
+
+def bridged(outer: Floats, holes: Sequence[Floats]) -> Floats:
+    """One ring out of a counter-clockwise ring and its clockwise holes, each joined by a bridge of no width.
+
+    Source: D. Eberly, "Triangulation by Ear Clipping" (Geometric Tools, 2002), section 3.
+    """
+    ring = outer
+    for hole in sorted(holes, key=lambda points: -float(points[:, 0].max())):
+        start = int(np.argmax(hole[:, 0]))
+        corner = hole[start]
+        order = np.argsort(np.sum((ring - corner) ** 2, axis=1), kind="stable")
+        other_edges = [ring, hole]
+        end = next(int(k) for k in order if not any(_crosses(ring[k], corner, edges) for edges in other_edges))
+        ring = np.concatenate([ring[: end + 1], np.roll(hole, -start, axis=0), corner[None], ring[end:]])
+    return ring
+
+
+def _crosses(a: Floats, b: Floats, ring: Floats) -> bool:
+    """Whether the open segment a-b properly crosses an edge of the ring."""
+    after = np.roll(ring, -1, axis=0)
+    first = _turns(a, b, ring) * _turns(a, b, after)
+    from_a = (after[:, 0] - ring[:, 0]) * (a[1] - ring[:, 1]) - (after[:, 1] - ring[:, 1]) * (a[0] - ring[:, 0])
+    from_b = (after[:, 0] - ring[:, 0]) * (b[1] - ring[:, 1]) - (after[:, 1] - ring[:, 1]) * (b[0] - ring[:, 0])
+    return bool(np.any((first < 0) & (from_a * from_b < 0)))

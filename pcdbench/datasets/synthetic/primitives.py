@@ -1,0 +1,269 @@
+"""Solids that rooms and furniture are made of; lengths in metres, z up, outward winding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pcdbench.datasets.synthetic.mesh import Floats, Mesh
+from pcdbench.datasets.synthetic.polygons import bridged, signed_area, triangulated
+
+_BOX_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+_BOX_QUADS = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+_BOX_TRIANGLES = np.concatenate([_BOX_QUADS[:, [0, 1, 2]], _BOX_QUADS[:, [0, 2, 3]]])
+
+
+def box(size: ArrayLike, center: ArrayLike, material: str, tint: int = 0) -> Mesh:
+    """A cuboid of `size` (x, y, z) around `center`."""
+    corners = _BOX_CORNERS * np.asarray(size, np.float64) + np.asarray(center, np.float64)
+    return Mesh.of(corners, _BOX_TRIANGLES, material, tint)
+
+
+def surface(grid: ArrayLike, material: str, tint: int = 0, closed: bool = False) -> Mesh:
+    """The surface through a (rows, columns, 3) grid of points; it faces along column step x row step.
+
+    Args:
+        closed: join the last column to the first.
+    """
+    points = np.asarray(grid, np.float64)
+    rows, columns = points.shape[:2]
+    index = np.arange(rows * columns).reshape(rows, columns)
+    if closed:
+        index = np.concatenate([index, index[:, :1]], axis=1)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    triangles = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    return Mesh.of(points.reshape(-1, 3), triangles, material, tint)
+
+
+def prism(
+    polygon: ArrayLike, z0: float, z1: float, material: str, tint: int = 0, holes: Sequence[ArrayLike] = ()
+) -> Mesh:
+    """A simple polygon (K, 2), with or without holes, extruded from `z0` to `z1`; any winding."""
+    outer = _wound(polygon, 1.0)
+    rings = [outer, *(_wound(hole, -1.0) for hole in holes)]
+    flat = bridged(outer, rings[1:])
+    ears = triangulated(flat)
+    count = len(flat)
+    floor, top = (np.column_stack([flat, np.full(count, z)]) for z in (z0, z1))
+    vertices = [floor, top]
+    triangles = [ears[:, ::-1], ears + count]
+    start = 2 * count
+    for ring in rings:
+        side = len(ring)
+        vertices += [np.column_stack([ring, np.full(side, z)]) for z in (z0, z1)]
+        here = np.arange(side)
+        after = (here + 1) % side
+        triangles.append(np.stack([here, after, after + side], 1) + start)
+        triangles.append(np.stack([here, after + side, here + side], 1) + start)
+        start += 2 * side
+    return Mesh.of(np.concatenate(vertices), np.concatenate(triangles), material, tint)
+
+
+def _wound(ring: ArrayLike, sign: float) -> Floats:
+    points = np.asarray(ring, np.float64)
+    return points if signed_area(points) * sign > 0 else points[::-1]
+
+
+def panel_with_openings(
+    width: float,
+    height: float,
+    thickness: float,
+    openings: Sequence[tuple[float, float, float, float]],
+    material: str,
+    tint: int = 0,
+    reveal_material: str | None = None,
+    reveal_tint: int | None = None,
+) -> Mesh:
+    """A wall panel: x from 0 to `width`, z from 0 to `height`, y from -thickness/2 to thickness/2.
+
+    Args:
+        openings: rectangles (x0, x1, z0, z1) cut through, clipped to the panel; they may overlap.
+        reveal_material: what the narrow faces (reveals, panel edges) are made of; by default as the panel.
+    """
+    xs = np.unique(np.clip([0.0, width, *(x for o in openings for x in o[:2])], 0.0, width))
+    zs = np.unique(np.clip([0.0, height, *(z for o in openings for z in o[2:])], 0.0, height))
+    mid_x, mid_z = np.meshgrid((xs[:-1] + xs[1:]) / 2, (zs[:-1] + zs[1:]) / 2, indexing="ij")
+    solid = np.ones(mid_x.shape, bool)
+    for x0, x1, z0, z1 in openings:
+        solid &= ~((mid_x > x0) & (mid_x < x1) & (mid_z > z0) & (mid_z < z1))
+    padded = np.pad(solid, 1)
+    front, back = -thickness / 2, thickness / 2
+    faces: list[list[list[float]]] = []
+    edges: list[list[list[float]]] = []
+    for i, k in np.argwhere(solid):
+        x0, x1, z0, z1 = xs[i], xs[i + 1], zs[k], zs[k + 1]
+        faces.append([[x0, front, z0], [x1, front, z0], [x1, front, z1], [x0, front, z1]])
+        faces.append([[x1, back, z0], [x0, back, z0], [x0, back, z1], [x1, back, z1]])
+        if not padded[i, k + 1]:
+            edges.append([[x0, back, z0], [x0, front, z0], [x0, front, z1], [x0, back, z1]])
+        if not padded[i + 2, k + 1]:
+            edges.append([[x1, front, z0], [x1, back, z0], [x1, back, z1], [x1, front, z1]])
+        if not padded[i + 1, k]:
+            edges.append([[x0, back, z0], [x1, back, z0], [x1, front, z0], [x0, front, z0]])
+        if not padded[i + 1, k + 2]:
+            edges.append([[x0, front, z1], [x1, front, z1], [x1, back, z1], [x0, back, z1]])
+    narrow = _quads(edges, reveal_material or material, tint if reveal_tint is None else reveal_tint)
+    return Mesh.merge([_quads(faces, material, tint), narrow])
+
+
+def _quads(quads: Sequence[ArrayLike], material: str, tint: int) -> Mesh:
+    corners = np.arange(4 * len(quads)).reshape(-1, 4)
+    triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    return Mesh.of(np.asarray(quads, np.float64).reshape(-1, 3), triangles, material, tint)
+
+
+def lathe(
+    profile: ArrayLike, material: str, tint: int = 0, center: ArrayLike = (0.0, 0.0, 0.0), segments: int = 20
+) -> Mesh:
+    """A profile (K, 2) of (radius, z), from bottom to top on the outside, turned about the z axis through `center`."""
+    radius, z = np.asarray(profile, np.float64).T
+    angle = 2 * np.pi * np.arange(segments) / segments
+    grid = np.stack(
+        [
+            np.outer(radius, np.cos(angle)),
+            np.outer(radius, np.sin(angle)),
+            np.broadcast_to(z[:, None], (len(z), segments)),
+        ],
+        axis=-1,
+    )
+    return surface(grid + np.asarray(center, np.float64), material, tint, closed=True)
+
+
+def cylinder(radius: float, height: float, base: ArrayLike, material: str, tint: int = 0, segments: int = 20) -> Mesh:
+    """An upright closed cylinder; `base` is the centre of its bottom."""
+    return frustum(radius, radius, height, base, material, tint, segments)
+
+
+def frustum(
+    bottom_radius: float,
+    top_radius: float,
+    height: float,
+    base: ArrayLike,
+    material: str,
+    tint: int = 0,
+    segments: int = 20,
+) -> Mesh:
+    """An upright closed cone, cut off unless `top_radius` is 0; `base` is the centre of its bottom."""
+    profile = [(0.0, 0.0), (bottom_radius, 0.0), (top_radius, height), (0.0, height)]
+    return lathe(profile, material, tint, base, segments)
+
+
+def ellipsoid(
+    radii: ArrayLike, center: ArrayLike, material: str, tint: int = 0, segments: int = 16, squareness: float = 1.0
+) -> Mesh:
+    """An ellipsoid; a `squareness` below 1 (to about 0.3) swells it towards its box, as cushions are."""
+    rise = np.linspace(-np.pi / 2, np.pi / 2, max(5, segments // 2 + 1))[:, None]
+    angle = (2 * np.pi * np.arange(segments) / segments)[None, :]
+    grid = np.stack(
+        [
+            _power(np.cos(rise), squareness) * _power(np.cos(angle), squareness),
+            _power(np.cos(rise), squareness) * _power(np.sin(angle), squareness),
+            np.broadcast_to(_power(np.sin(rise), max(squareness, 0.6)), (len(rise), segments)),
+        ],
+        axis=-1,
+    )
+    return surface(grid * np.asarray(radii, np.float64) + np.asarray(center, np.float64), material, tint, closed=True)
+
+
+def _power(values: Floats, exponent: float) -> Floats:
+    return np.sign(values) * np.where(np.abs(values) < 1e-9, 0.0, np.abs(values)) ** exponent
+
+
+def sphere(radius: float, center: ArrayLike, material: str, tint: int = 0, segments: int = 16) -> Mesh:
+    """A sphere around `center`."""
+    return ellipsoid((radius, radius, radius), center, material, tint, segments)
+
+
+def tube(
+    path: ArrayLike,
+    radius: float | Sequence[float] | Floats,
+    material: str,
+    tint: int = 0,
+    segments: int = 8,
+    closed: bool = False,
+) -> Mesh:
+    """A round tube along a path (K, 3), with one radius or one a point; `closed` makes a ring of it."""
+    points = np.asarray(path, np.float64)
+    around = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    tangents = around if closed else np.gradient(points, axis=0)
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    across = np.eye(3)[np.argmin(np.abs(tangents[0]))]
+    angle = 2 * np.pi * np.arange(segments) / segments
+    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(points),))
+    rings = []
+    for point, tangent, size in zip(points, tangents, radii, strict=True):
+        across = across - tangent * (across @ tangent)
+        across = across / np.linalg.norm(across)
+        side = np.cross(tangent, across)
+        rings.append(point + size * (np.outer(np.cos(angle), across) + np.outer(np.sin(angle), side)))
+    if closed:
+        rings.append(_aligned(rings[0], rings[-1]))
+    else:
+        rings = [np.repeat(points[:1], segments, axis=0), *rings, np.repeat(points[-1:], segments, axis=0)]
+    return surface(np.stack(rings), material, tint, closed=True)
+
+
+def _aligned(ring: Floats, reference: Floats) -> Floats:
+    """`ring` with its points shifted around so that they face those of `reference`."""
+    shifts = [np.roll(ring, shift, axis=0) for shift in range(len(ring))]
+    return min(shifts, key=lambda turned: float(np.sum((turned - reference) ** 2)))
+
+
+def torus(ring_radius: float, radius: float, center: ArrayLike, material: str, tint: int = 0) -> Mesh:
+    """A horizontal ring: rims of bins, pots and lamps."""
+    angle = 2 * np.pi * np.arange(20) / 20
+    circle = np.stack([ring_radius * np.cos(angle), ring_radius * np.sin(angle), np.zeros(20)], axis=1)
+    return tube(circle + np.asarray(center, np.float64), radius, material, tint, segments=6, closed=True)
+
+
+def rounded_box(
+    size: ArrayLike, center: ArrayLike, radius: float, material: str, tint: int = 0, steps: int = 2
+) -> Mesh:
+    """A cuboid with edges and corners rounded by `radius` (at most half its least side), in `steps` facets each."""
+    half = np.asarray(size, np.float64) / 2
+    radius = min(radius, float(half.min()) * 0.999)
+    quarter = np.linspace(0.0, np.pi / 2, steps + 1)
+    turns = np.concatenate([quarter + corner * np.pi / 2 for corner in range(4)])
+    sign_x = np.repeat([1.0, -1.0, -1.0, 1.0], steps + 1)
+    sign_y = np.repeat([1.0, 1.0, -1.0, -1.0], steps + 1)
+    rises = np.concatenate([quarter - np.pi / 2, quarter])
+    sign_z = np.repeat([-1.0, 1.0], steps + 1)
+    inner = half - radius
+    rows = [
+        np.stack(
+            [
+                sign_x * inner[0] + radius * np.cos(rise) * np.cos(turns),
+                sign_y * inner[1] + radius * np.cos(rise) * np.sin(turns),
+                np.full(len(turns), sign * inner[2] + radius * np.sin(rise)),
+            ],
+            axis=1,
+        )
+        for rise, sign in zip(rises, sign_z, strict=True)
+    ]
+    caps = [np.tile([0.0, 0.0, z], (len(turns), 1)) for z in (-half[2], half[2])]
+    grid = np.stack([caps[0], *rows, caps[1]]) + np.asarray(center, np.float64)
+    return surface(grid, material, tint, closed=True)
+
+
+def sheet(heights: ArrayLike, size: tuple[float, float], thickness: float, material: str, tint: int = 0) -> Mesh:
+    """A lying cloth: a grid of heights (rows along y, columns along x) over `size` around the origin, with a back."""
+    tops = np.asarray(heights, np.float64)
+    rows, columns = tops.shape
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, columns) * size[0], np.linspace(-0.5, 0.5, rows) * size[1])
+    top = np.stack([x, y, tops], axis=-1)
+    under = top - [0.0, 0.0, thickness]
+    rim = np.concatenate([_outline(top)[None], _outline(under)[None]])
+    return Mesh.merge(
+        [
+            surface(top, material, tint),
+            surface(under[::-1], material, tint),
+            surface(rim[::-1], material, tint, closed=True),
+        ]
+    )
+
+
+def _outline(grid: Floats) -> NDArray[np.float64]:
+    """(K, 3) the grid's border, counter-clockwise seen from above."""
+    return np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
