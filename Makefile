@@ -3,7 +3,7 @@
 # Both need Python (3.11 or newer), git and make; set-up is done once, in .venv.
 PYTHON ?= python3
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip install -q --no-build-isolation -c constraints.txt
+PIP := $(BIN)/python -m pip install -qq --no-build-isolation -c constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: demo test lint

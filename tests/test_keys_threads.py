@@ -1,0 +1,78 @@
+"""Keys are the same on every machine and in every release; threads follow the share a worker was given."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from pcdbench.keys import canonical_json, digest, file_digest, seed_from
+from pcdbench.paths import cache_dir
+from pcdbench.threads import limit_threads, thread_count
+
+VALUE = {"b": [1, 2.5, True, None], "a": {"ü": "text"}}
+
+
+def test_the_canonical_text_is_pinned() -> None:
+    assert canonical_json(VALUE) == '{"a":{"ü":"text"},"b":[1,2.5,true,null]}'
+
+
+def test_digests_are_pinned_because_stored_results_are_found_by_them() -> None:
+    # From `printf '%s' TEXT | sha256sum` of the canonical texts.
+    assert digest(VALUE) == "bed412df2cc1cbb9fe743eca107e4479a1a72773c364ee73265ff6aceebb8811"
+    assert digest([]) == "4f53cda18c2baa0c0354bb5f9a3ecbe5ed12ab4d8e11ba873c2f11161202b945"
+
+
+def test_seeds_are_pinned_and_fit_63_bits() -> None:
+    # The first 16 hex digits of the digest of ["case", 3, 0.1], halved.
+    assert seed_from("case", 3, 0.1) == 6582458657496472809
+    assert all(0 <= seed_from(part) < 2**63 for part in range(1000))
+    assert len({seed_from(part) for part in range(1000)}) == 1000
+
+
+def test_keys_do_not_depend_on_the_order_of_a_mapping_but_on_that_of_a_list() -> None:
+    assert digest({"a": 1, "b": 2}) == digest({"b": 2, "a": 1})
+    assert digest([1, 2]) != digest([2, 1])
+    assert seed_from("a", "b") != seed_from("ab")
+    assert digest({"level": 1}) != digest({"level": "1"})
+
+
+def test_nan_has_no_key() -> None:
+    with pytest.raises(ValueError):
+        digest({"x": float("nan")})
+
+
+def test_a_files_digest_is_that_of_its_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"abc")
+    assert file_digest(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+
+
+def test_the_cache_is_where_the_variable_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "here"))
+    assert cache_dir() == tmp_path / "here"
+    monkeypatch.delenv("PCDBENCH_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert cache_dir() == tmp_path / "pcdbench"
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert cache_dir() == tmp_path / ".cache" / "pcdbench"
+
+
+def test_without_a_share_all_cores_of_the_process_are_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("PCDBENCH_THREADS", raising=False)
+    assert thread_count() == len(os.sched_getaffinity(0))
+
+
+def test_a_share_is_kept_and_passed_to_the_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    for variable in ("PCDBENCH_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        monkeypatch.setenv(variable, "7")
+    monkeypatch.setenv("NUMEXPR_NUM_THREADS", "7")
+    limit_threads(3)
+    assert thread_count() == 3
+    assert os.environ["OMP_NUM_THREADS"] == os.environ["OPENBLAS_NUM_THREADS"] == os.environ["MKL_NUM_THREADS"] == "3"
+
+
+@pytest.mark.parametrize("nonsense", ["", "many", "-1", "0"])
+def test_a_share_that_is_no_count_leaves_at_least_one_thread(monkeypatch: pytest.MonkeyPatch, nonsense: str) -> None:
+    monkeypatch.setenv("PCDBENCH_THREADS", nonsense)
+    assert thread_count() >= 1

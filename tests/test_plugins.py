@@ -1,0 +1,152 @@
+"""Plugins: found by entry point, loaded one at a time and lazily, and reported by name where they fail."""
+
+import sys
+from collections.abc import Callable
+from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
+
+import pytest
+
+from pcdbench.errors import PluginError
+from pcdbench.plugins import GROUP, KINDS, Register, Registry, did_you_mean, hookimpl, load_registry
+
+Hook = Callable[[Register], None]
+
+
+@pytest.fixture
+def entry_point(monkeypatch: pytest.MonkeyPatch) -> Callable[..., EntryPoint]:
+    """Makes a module with the given hooks importable, and an entry point of its name."""
+
+    def make(name: str, **hooks: Hook) -> EntryPoint:
+        module = ModuleType(f"plugin_{name}")
+        for hook, function in hooks.items():
+            setattr(module, hook, hookimpl(function))
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        return EntryPoint(name, module.__name__, GROUP)
+
+    return make
+
+
+def registering(name: str, target: str = "nowhere.at.all:Class") -> Hook:
+    def hook(register: Register) -> None:
+        register(name, target, f"summary of {name}")
+
+    return hook
+
+
+def test_our_own_plugins_are_found_by_their_entry_points() -> None:
+    found = load_registry(entry_points(group=GROUP))
+    assert found.broken == {}
+    names = {kind: {one.name for one in found.all(kind)} for kind in KINDS}
+    assert {"incomplete", "ground_truth", "resample", "plane_fitting", "hole_filling"} <= names["completer"]
+    assert {"chamfer", "ssim", "localization", "tracking", "tagging"} <= names["task"]
+    assert {"indoor", "clouds"} <= names["dataset"]
+    assert {"holes", "short_scan"} <= names["incompleteness"]
+    references = {one.name for one in found.all("completer") if one.reference}
+    assert references == {"incomplete", "ground_truth", "resample"}
+
+
+def test_each_hook_registers_its_own_kind(entry_point: Callable[..., EntryPoint]) -> None:
+    point = entry_point(
+        "four",
+        register_completers=registering("a"),
+        register_tasks=registering("b"),
+        register_datasets=registering("c"),
+        register_incompletenesses=registering("d"),
+    )
+    found = load_registry([point])
+    assert [[one.name for one in found.all(kind)] for kind in KINDS] == [["a"], ["b"], ["c"], ["d"]]
+    only = found.get("task", "b")
+    assert (only.summary, only.target, only.origin) == (
+        "summary of b",
+        "nowhere.at.all:Class",
+        "? (four = plugin_four)",
+    )
+
+
+def test_registering_imports_nothing_and_loading_says_why_it_failed(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry([entry_point("lazy", register_tasks=registering("later"))])
+    with pytest.raises(PluginError, match=r"task 'later' from .*lazy.* nowhere.at.all:Class: ModuleNotFoundError"):
+        found.get("task", "later").load()
+
+
+def test_loading_a_class_that_its_module_lacks_is_one_line(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry([entry_point("lazy", register_tasks=registering("later", "json:NoSuchThing"))])
+    with pytest.raises(PluginError, match="NoSuchThing"):
+        found.get("task", "later").load()
+
+
+def test_a_broken_plugin_costs_nothing_but_itself(entry_point: Callable[..., EntryPoint]) -> None:
+    def explode(register: Register) -> None:
+        register("half_done", "x:Y", "registered before the error")
+        raise ValueError("the plugin's own bug")
+
+    found = load_registry(
+        [
+            EntryPoint("missing", "no_such_module_anywhere", GROUP),
+            entry_point("exploding", register_tasks=explode),
+            entry_point("fine", register_tasks=registering("good")),
+        ]
+    )
+    assert [one.name for one in found.all("task")] == ["good"]
+    errors = {origin.split()[1]: error for origin, error in found.broken.items()}
+    assert errors["(missing"].startswith("ModuleNotFoundError")
+    assert errors["(exploding"] == "ValueError: the plugin's own bug"
+    with pytest.raises(PluginError, match=r"not loaded: .*exploding.*missing.*pcdbench list"):
+        found.get("task", "half_done")
+
+
+def test_a_misspelt_hook_is_reported_not_ignored(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry([entry_point("typo", register_taks=registering("lost"))])
+    (error,) = found.broken.values()
+    assert "register_taks" in error
+
+
+@pytest.mark.parametrize("name", ["Upper", "with space", "dash-ed", "", "dot.ted", "ümlaut"])
+def test_bad_names_are_refused(entry_point: Callable[..., EntryPoint], name: str) -> None:
+    found = load_registry([entry_point("bad", register_tasks=registering(name))])
+    (error,) = found.broken.values()
+    assert repr(name) in error and "lower case" in error
+
+
+def test_a_target_must_name_module_and_class(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry([entry_point("bad", register_tasks=registering("fine_name", "package.module"))])
+    (error,) = found.broken.values()
+    assert "package.module:Class" in error
+
+
+def test_two_plugins_of_one_name_are_an_error_that_names_both(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry(
+        [
+            entry_point("one", register_tasks=registering("same")),
+            entry_point("two", register_tasks=registering("same"), register_datasets=registering("same")),
+        ]
+    )
+    assert found.all("task") == []
+    assert [one.name for one in found.all("dataset")] == ["same"]
+    (clash,) = found.clashes()
+    assert "plugin_one" in clash and "plugin_two" in clash and "task 'same'" in clash
+    for look_up in (lambda: found.get("task", "same"), lambda: found.find("same")):
+        with pytest.raises(PluginError, match=r"plugin_one.* and .*plugin_two"):
+            look_up()
+
+
+def test_the_order_of_entry_points_does_not_matter(entry_point: Callable[..., EntryPoint]) -> None:
+    points = [entry_point(name, register_tasks=registering(f"task_{name}")) for name in ("b", "a", "c")]
+    assert load_registry(points) == load_registry(points[::-1])
+
+
+def test_find_looks_in_every_kind(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry(
+        [entry_point("p", register_tasks=registering("twice"), register_completers=registering("twice"))]
+    )
+    assert [one.kind for one in found.find("twice")] == ["completer", "task"]
+    with pytest.raises(PluginError, match=r"nothing is called 'twize'; did you mean twice\?"):
+        found.find("twize")
+
+
+def test_unknown_names_get_a_suggestion_or_the_choice() -> None:
+    assert did_you_mean("plane_fiting", ["plane_fitting", "chamfer"]) == "did you mean plane_fitting?"
+    assert did_you_mean("zzz", ["plane_fitting", "chamfer"]) == "there is plane_fitting, chamfer"
+    with pytest.raises(PluginError, match="nothing of that kind"):
+        Registry().get("task", "any")
