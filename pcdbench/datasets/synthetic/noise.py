@@ -18,7 +18,7 @@ def hashed(*cells: ArrayLike) -> Words:
 
 def uniform(*cells: ArrayLike) -> Floats:
     """Numbers in [0, 1) from integers, by their order."""
-    return _fraction(_absorbed(np.full(1, _STEP), *cells))
+    return _fraction(hashed(*cells))
 
 
 def _absorbed(state: Words, *cells: ArrayLike) -> Words:
@@ -37,7 +37,7 @@ def _mixed(state: Words) -> Words:
 
 
 def _fraction(state: Words) -> Floats:
-    return (_mixed(state) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    return (state >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
 def value_noise(coordinates: Floats, *seeds: ArrayLike) -> Floats:

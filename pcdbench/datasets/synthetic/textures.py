@@ -88,7 +88,7 @@ def wall_paint(palette: Palette) -> Texture:
         band = (style < 0.12) & (v < height)
         band |= (style > 0.9) & (np.abs(v - height) < 0.09)
         color = blended(color, second, band & upright)
-        clouds = fractal_noise(surface.points / 0.9, surface.tints, 24, octaves=4)
+        clouds = fractal_noise(surface.uv / 0.9, surface.tints, 24, octaves=4)
         scuffs = value_noise(np.column_stack([u / 0.35, v / 0.04]), surface.tints, 25)
         scuffed = upright & (scuffs > 0.78) & (v < 0.22 + 0.25 * value_noise(surface.uv / 0.5, 26))
         return shaded(color, 1.0 + 0.12 * (clouds - 0.5) - 0.16 * scuffed)
@@ -124,7 +124,7 @@ def bricks(palette: Palette, length_m: float = 0.24, height_m: float = 0.075, jo
         brick = np.floor(along)
         share = uniform(surface.tints, brick, row, 41)
         color = shaded(base_color(surface, palette), 0.72 + 0.5 * share)
-        color = shaded(color, 0.9 + 0.2 * fractal_noise(surface.points / 0.03, 42, octaves=2))
+        color = shaded(color, 0.9 + 0.2 * fractal_noise(surface.uv / 0.03, 42, octaves=2))
         joint = ((along - brick) * length_m < joint_m) | (surface.uv[:, 1] - row * height_m < joint_m)
         return blended(color, (0.72, 0.7, 0.66), joint)
 
@@ -144,7 +144,7 @@ def tiles(palette: Palette, size_m: float, grout_m: float, grout: tuple[float, f
         sprinkled = (style > 0.75) & (uniform(surface.tints, column, row, 53) < 0.2)
         color = blended(base_color(surface, palette), second * 0.8, checker | sprinkled)
         color = shaded(color, 0.92 + 0.14 * uniform(surface.tints, column, row, 54))
-        color = shaded(color, 0.94 + 0.12 * fractal_noise(surface.points / 0.12, surface.tints, 55))
+        color = shaded(color, 0.94 + 0.12 * fractal_noise(surface.uv / 0.12, surface.tints, 55))
         within = (scaled - cell) * size_m
         return blended(color, grout, np.min(within, axis=1) < grout_m)
 
@@ -251,8 +251,8 @@ def concrete(palette: Palette) -> Texture:
     """Cast concrete: clouds, pores, and the joints and tie holes of its formwork on walls."""
 
     def texture(surface: Surface) -> Floats:
-        clouds = fractal_noise(surface.points / 0.7, surface.tints, 121, octaves=5)
-        pores = value_noise(surface.points / 0.012, 122) > 0.88
+        clouds = fractal_noise(surface.uv / 0.7, surface.tints, 121, octaves=4)
+        pores = value_noise(surface.uv / 0.012, 122) > 0.88
         panel = surface.uv / np.array([1.25, 2.5])
         within = (panel - np.floor(panel)) * np.array([1.25, 2.5])
         joint = np.min(within, axis=1) < 0.012
