@@ -1,0 +1,91 @@
+"""What every format shares: columns of numbers that become points and colours, and colours that become bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.errors import CloudError
+
+# Float colours may overshoot 1 by rounding, by no more.
+_ROUNDING = 1e-3
+_COLOR_NAMES = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+LARGEST_FLOAT32_ERROR_M = 5e-5
+
+
+class CloudWarning(UserWarning):
+    """Something about a file that its owner should know; reading went on. One line."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What a file holds: (N, 3) float64 coordinates, maybe not finite, and (N, 3) float32 colours or None."""
+
+    points: NDArray[np.float64]
+    colors: NDArray[np.float32] | None
+
+
+def coordinate_and_color_names(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Which of a file's column names are x, y, z and red, green, blue, as written there; [] where they are missing."""
+    written = {name.strip("\"' ").lower(): name for name in reversed(names)}
+    xyz = [written[name] for name in "xyz" if name in written]
+    for candidate in _COLOR_NAMES:
+        if all(name in written for name in candidate):
+            return xyz if len(xyz) == 3 else [], [written[name] for name in candidate]
+    return xyz if len(xyz) == 3 else [], []
+
+
+def unit_colors(values: NDArray[Any], path: Path) -> NDArray[np.float32]:
+    """Colours in [0, 1] from (N, 3) numbers: 8 and 16 bit integers by type, all others by their range.
+
+    Raises:
+        CloudError: where the values fit none of [0, 1], 0..255 and 0..65535.
+    """
+    if not values.size:
+        return values.astype(np.float32)
+    if values.dtype == np.uint8:
+        return values.astype(np.float32) / np.float32(255)
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    if np.isnan(low):
+        return values.astype(np.float32)
+    # Many programs put 8-bit colours into 16-bit fields.
+    is_integer = np.issubdtype(values.dtype, np.integer)
+    if low >= 0 and high <= 1 + _ROUNDING and not is_integer:
+        return np.clip(values.astype(np.float32), 0, 1)
+    whole = is_integer or bool(np.all((values == np.floor(values)) | np.isnan(values)))
+    if low >= 0 and high <= 255 and (whole or high >= 2):
+        return values.astype(np.float32) / np.float32(255)
+    if low >= 0 and high <= 65535 and whole:
+        return values.astype(np.float32) / np.float32(65535)
+    raise CloudError(
+        f"{path}: its colours run from {low:.4g} to {high:.4g}, which is neither 0 to 1 nor 0 to 255 nor whole "
+        "numbers to 65535; export them as 8-bit colours"
+    )
+
+
+def color_bytes(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(N, 3) 8-bit colours; those that came from 8 bits are exactly what they were."""
+    return np.rint(colors * np.float32(255)).astype(np.uint8)
+
+
+def needs_double(points: NDArray[np.float64]) -> bool:
+    """Whether single precision would move a point by more than 0.05 mm."""
+    return bool(np.any(np.abs(points - points.astype(np.float32)) > LARGEST_FLOAT32_ERROR_M))
+
+
+def require_bytes(path: Path, promised: int, count: int, present: int) -> None:
+    """Refuse a header that promises more points than the file can hold, before anything is allocated.
+
+    Raises:
+        CloudError: where `promised` bytes for `count` points are more than the `present` ones.
+    """
+    if promised > present:
+        raise CloudError(
+            f"{path} is cut off: its header promises {count:,} points ({promised:,} bytes), "
+            f"{present:,} bytes are there; copy it again"
+        )

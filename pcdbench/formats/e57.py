@@ -1,0 +1,96 @@
+"""E57, by pye57: all scans of a file, each moved by its pose into the file's frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.cloud import PointCloud
+from pcdbench.errors import CloudError
+from pcdbench.formats.columns import Columns, color_bytes, require_bytes, unit_colors
+
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_COLORS = ("colorRed", "colorGreen", "colorBlue")
+
+
+def read(path: Path) -> Columns:
+    """The points of all scans in a file, colours where every scan has them; points marked invalid become NaN."""
+    import pye57
+
+    file = pye57.E57(str(path))
+    try:
+        if not file.scan_count:
+            raise CloudError(f"{path} has no scans (images alone, perhaps); export its points")
+        scans = [_scan(file, index, path) for index in range(file.scan_count)]
+    finally:
+        file.close()
+    colors = [scan.colors for scan in scans if scan.colors is not None]
+    points = np.concatenate([scan.points for scan in scans])
+    return Columns(points, np.concatenate(colors) if len(colors) == len(scans) else None)
+
+
+def write(cloud: PointCloud, path: Path) -> None:
+    """Write one scan; its pose carries the map offset, as pye57 stores coordinates in single precision."""
+    import pye57
+
+    offset = np.floor(cloud.points.min(axis=0) / 2 + cloud.points.max(axis=0) / 2)
+    data = dict(zip(_CARTESIAN, (cloud.points - offset).T, strict=True))
+    if cloud.colors is not None:
+        data |= dict(zip(_COLORS, color_bytes(cloud.colors).T, strict=True))
+    file = pye57.E57(str(path), mode="w")
+    try:
+        file.write_scan_raw(data, name="cloud", rotation=np.array([1.0, 0, 0, 0]), translation=offset)
+    finally:
+        file.close()
+
+
+def _scan(file: Any, index: int, path: Path) -> Columns:
+    from pye57 import libe57
+
+    header = file.get_header(index)
+    fields, count = set(header.point_fields), header.point_count
+    # A point has at least a bit; libe57 checks the rest of the file by its checksums.
+    require_bytes(path, count // 8, count, path.stat().st_size)
+    frame = next((names for names in (_CARTESIAN, _SPHERICAL) if fields.issuperset(names)), None)
+    if frame is None:
+        raise CloudError(f"{path}: scan {index} has neither cartesian nor spherical coordinates; export it again")
+    state = "cartesianInvalidState" if frame is _CARTESIAN else "sphericalInvalidState"
+    names = [*frame, *(_COLORS if fields.issuperset(_COLORS) else ()), *({state} & fields)]
+    numbers = {name: np.empty(count) for name in names}
+    if count:
+        buffers = libe57.VectorSourceDestBuffer()
+        for name, column in numbers.items():
+            buffers.append(libe57.SourceDestBuffer(file.image_file, name, column, count, True, True))
+        if header.points.reader(buffers).read() < count:
+            raise CloudError(f"{path}: scan {index} is cut off; copy it again")
+    first, second, third = (numbers[name] for name in frame)
+    points = np.stack([first, second, third] if frame is _CARTESIAN else _cartesian(first, second, third), axis=1)
+    if state in numbers:
+        points[numbers[state] != 0] = np.nan
+    if header.has_pose():
+        points = points @ header.rotation_matrix.T + header.translation
+    if not fields.issuperset(_COLORS):
+        return Columns(points, None)
+    colors = np.stack([numbers[name] for name in _COLORS], axis=1)
+    return Columns(points, _scaled_colors(colors, header, path))
+
+
+def _scaled_colors(colors: NDArray[np.float64], header: Any, path: Path) -> NDArray[np.float32]:
+    """Colours in [0, 1] by the limits that the scan states, else by their range."""
+    if header.node.isDefined("colorLimits/colorRedMaximum"):
+        limit = float(header.node["colorLimits"]["colorRedMaximum"].value())
+        if limit > 0 and colors.size and colors.min() >= 0 and colors.max() <= limit:
+            return colors.astype(np.float32) / np.float32(limit)
+    return unit_colors(colors, path)
+
+
+def _cartesian(
+    range_m: NDArray[np.float64], azimuth_rad: NDArray[np.float64], elevation_rad: NDArray[np.float64]
+) -> list[NDArray[np.float64]]:
+    """x, y and z of spherical coordinates (ASTM E2807, 8.4.4)."""
+    across = range_m * np.cos(elevation_rad)
+    return [across * np.cos(azimuth_rad), across * np.sin(azimuth_rad), range_m * np.sin(elevation_rad)]

@@ -1,0 +1,79 @@
+"""Text files as people have them: separators, headers, comments, more columns, colours of either range."""
+
+import numpy as np
+import pytest
+
+from pcdbench.errors import CloudError
+from pcdbench.formats import read_cloud
+
+EXPECTED = np.array([[1.5, 2.0, 3.25], [4.0, -5.5, 6.0]])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1.5 2 3.25\n4 -5.5 6\n",
+        "1.5\t2\t3.25\r\n4\t-5.5\t6\r\n",
+        "  1.5   2   3.25  \n\n  4 -5.5 6",
+        "1.5,2,3.25\n4,-5.5,6\n",
+        "1.5; 2; 3.25\n4; -5.5; 6\n",
+        "1.5, 2, 3.25\n4, -5.5, 6\n",
+        "\ufeffx,y,z\n1.5,2,3.25\n4,-5.5,6\n",
+        "//X Y Z\n1.5 2 3.25\n4 -5.5 6\n",
+        "# exported\n# from somewhere\n1.5 2 3.25 # first\n# between\n4 -5.5 6\n",
+        "2\n1.5 2 3.25\n4 -5.5 6\n",
+        "Easting;Northing;Height\n1.5;2;3.25\n4;-5.5;6\n",
+        "1.5e0 2 3.25 17\n4 -5.5 6 18\n",
+        "1.5 2 3.25 0 0 -1\n4 -5.5 6 0.6 0.8 0\n",
+        "z intensity x y\n3.25 9 1.5 2\n6 9 4 -5.5\n",
+    ],
+)
+def test_points_without_color(tmp_path, text):
+    (tmp_path / "a.txt").write_text(text, newline="")
+    cloud = read_cloud(tmp_path / "a.txt")
+    np.testing.assert_array_equal(cloud.points, EXPECTED)
+    assert cloud.colors is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "1.5 2 3.25 255 0 51\n4 -5.5 6 0 51 255\n",
+        "1.5 2 3.25 1.0 0 0.2\n4 -5.5 6 0 0.2 1\n",
+        "1.5,2,3.25,65535,0,13107\n4,-5.5,6,0,13107,65535\n",
+        "1.5 2 3.25 255 0 51 99 98\n4 -5.5 6 0 51 255 97 96\n",
+        '"X","Y","Z","Intensity","R","G","B"\n1.5,2,3.25,7,255,0,51\n4,-5.5,6,7,0,51,255\n',
+        "//X Y Z Intensity red green blue\n1.5 2 3.25 7 255 0 51\n4 -5.5 6 7 0 51 255\n",
+    ],
+)
+def test_points_with_color(tmp_path, text):
+    (tmp_path / "a.csv").write_text(text)
+    cloud = read_cloud(tmp_path / "a.csv")
+    np.testing.assert_array_equal(cloud.points, EXPECTED)
+    np.testing.assert_allclose(cloud.colors, [[1, 0, 0.2], [0, 0.2, 1]], atol=1e-7)
+
+
+def test_map_coordinates_keep_their_digits(tmp_path):
+    (tmp_path / "a.xyz").write_text("1234567.8912 7654321.0987 512.3456\n")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.xyz").points, [[1234567.8912, 7654321.0987, 512.3456]])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"1 2\n3 4\n", "has 2 columns where x y z are needed"),
+        (b"1 2 3\n4 5\n", "a.xyz cannot be read as XYZ"),
+        (b"1 2 3\n4 5 six\n", "a.xyz cannot be read as XYZ"),
+        (b"1,5;2,5;3,5\n", "a.xyz has no rows of numbers"),
+        (b"Dear Sir,\nplease find enclosed\nthe scan\n", "a.xyz has no rows of numbers"),
+        (b"# nothing but a comment\n", "a.xyz has no rows of numbers"),
+        (bytes(range(256)) * 40, "is not text"),
+        (b"1 2 3 -4 300 7\n", "its colours run from -4 to 300"),
+        (b"1 2 3 0.5 1.5 0.7\n", "its colours run from 0.5 to 1.5"),
+    ],
+)
+def test_broken_files_are_named(tmp_path, content, message):
+    (tmp_path / "a.xyz").write_bytes(content)
+    with pytest.raises(CloudError, match=message) as caught:
+        read_cloud(tmp_path / "a.xyz")
+    assert "a.xyz" in str(caught.value) and "\n" not in str(caught.value)
