@@ -8,8 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli.list_ import list_plugins
-from pcdbench.cli.show import show
+from pcdbench.cli import list_, show
 from pcdbench.errors import PcdbenchError
 
 
@@ -28,8 +27,8 @@ class _Commands(TyperGroup):
 
 
 app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
-app.command("list")(list_plugins)
-app.command()(show)
+app.command("list")(list_.list_plugins)
+app.command("show")(show.show)
 
 
 def _print_version(wanted: bool) -> None:

@@ -1,0 +1,69 @@
+"""The example plugin, installed into an environment of its own and used through the command line."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+from pcdbench.scene import Scene
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "pcdbench-example"
+
+
+@pytest.fixture(scope="module")
+def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The interpreter of a fresh environment that holds the example and sees what is installed here."""
+    folder = tmp_path_factory.mktemp("example")
+    source = shutil.copytree(EXAMPLE, folder / "source", ignore=shutil.ignore_patterns("build", "*.egg-info"))
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "env"], check=True)
+    interpreter = folder / "env" / "bin" / "python"
+    # Executed at start, so that editable installs, which are .pth files themselves, are seen too.
+    line = f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n"
+    Path(run([interpreter, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]).strip()).joinpath(
+        "outer.pth"
+    ).write_text(line)
+    offline = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
+    run([sys.executable, "-m", "pip", "--python", interpreter, "install", *offline, source])
+    return interpreter
+
+
+def run(command: list) -> str:
+    """What the command prints; its errors in the failure."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(command, capture_output=True, text=True, cwd="/", env=environment)
+    assert done.returncode == 0, f"{command}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+def test_it_is_found_beside_our_own(python: Path) -> None:
+    listed = run([python, "-m", "pcdbench", "list"])
+    assert "not loaded" not in listed
+    for name in ("midpoints", "coverage"):
+        (line,) = (line for line in listed.splitlines() if line.startswith(f"  {name} "))
+        assert "pcdbench-example 1.0.0" in line
+    assert "  plane_fitting " in listed
+    shown = run([python, "-m", "pcdbench", "show", "midpoints"])
+    assert "midpoints.neighbors=8" in shown and "pcdbench's example plugin" in shown
+
+
+def test_it_runs_on_a_folder_of_scans(python: Path, room: Scene, tmp_path: Path) -> None:
+    scans, out = tmp_path / "scans", tmp_path / "run"
+    scans.mkdir()
+    room.dense.select(slice(0, 3000)).write(scans / "room.ply")  # type: ignore[arg-type]
+    command = [python, "-m", "pcdbench", "run", "--dataset", f"clouds:{scans}", "--completer", "midpoints"]
+    command += ["--task", "coverage", "--level", "0.3", "--option", "midpoints.neighbors=4", "--out", out]
+    run(command)
+    rows = [json.loads(line) for line in next(out.rglob("*.jsonl")).read_text().splitlines()]
+    (mine,) = (row for row in rows if row["completer"]["name"] == "midpoints")
+    (floor,) = (row for row in rows if row["completer"]["name"] == "incomplete")
+    assert mine["status"] == floor["status"] == "ok"
+    assert mine["completer"]["options"] == {"neighbors": 4, "gap": 1.5}
+
+
+def test_its_own_tests_pass_there(python: Path) -> None:
+    assert "2 passed" in run([python, "-m", "pytest", "-p", "no:cacheprovider", python.parents[2] / "source" / "tests"])
