@@ -41,8 +41,9 @@ def six_faces(voxels: Voxels) -> list[Image]:
 def structural_similarity(first: Image, second: Image) -> float:
     """SSIM of two (H, W, 3) images with values in [0, 1]: 1 for equal ones.
 
-    Wang et al. (2004), equations 13 and 17, over a uniform window of `WINDOW` pixels, channels averaged. Both images are first framed by half a window of background, so that every pixel counts
-    and images smaller than the window have a value too.
+    Wang et al. (2004), equations 13 and 17, over a uniform window of `WINDOW` pixels, channels averaged. Both
+    images are first framed by half a window of background, so that every pixel counts and images smaller than
+    the window have a value too.
     """
     from skimage.metrics import structural_similarity as ssim
 
