@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
+import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +54,29 @@ def room() -> Scene:
 def half_room(room: Scene) -> Case:
     """The room, half of it missing."""
     return half_missing(room, seed=0)
+
+
+@pytest.fixture(scope="session")
+def install_fresh() -> Callable[..., Path]:
+    """Installs a package into a fresh environment that sees what is installed here: `(folder, *what)`.
+
+    Returns the environment's interpreter. Nothing is downloaded.
+    """
+
+    def install(folder: Path, *what: str | Path) -> Path:
+        subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
+        python = folder / "bin" / "python"
+        (own,) = (folder / "lib").glob("python*/site-packages")
+        # Executed at start, so that editable installs, which are .pth files themselves, are seen too.
+        outer = sysconfig.get_path("purelib")
+        (own / "outer.pth").write_text(f"import site; site.addsitedir({outer!r})\n")
+        pip = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--ignore-installed"]
+        offline = ["--no-deps", "--no-build-isolation", "--no-index"]
+        done = subprocess.run([*pip, *offline, *what], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return python
+
+    return install
 
 
 @pytest.fixture

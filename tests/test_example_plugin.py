@@ -4,8 +4,7 @@ import json
 import os
 import shutil
 import subprocess
-import sys
-import sysconfig
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,20 +15,16 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "pcdbench-example"
 
 
 @pytest.fixture(scope="module")
-def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The interpreter of a fresh environment that holds the example and sees what is installed here."""
-    folder = tmp_path_factory.mktemp("example")
-    source = shutil.copytree(EXAMPLE, folder / "source", ignore=shutil.ignore_patterns("build", "*.egg-info"))
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "env"], check=True)
-    interpreter = folder / "env" / "bin" / "python"
-    # Executed at start, so that editable installs, which are .pth files themselves, are seen too.
-    line = f"import site; site.addsitedir({sysconfig.get_path('purelib')!r})\n"
-    Path(run([interpreter, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))"]).strip()).joinpath(
-        "outer.pth"
-    ).write_text(line)
-    offline = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
-    run([sys.executable, "-m", "pip", "--python", interpreter, "install", *offline, source])
-    return interpreter
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the example: building leaves files behind."""
+    ignored = shutil.ignore_patterns("build", "*.egg-info")
+    return shutil.copytree(EXAMPLE, tmp_path_factory.mktemp("example") / "source", ignore=ignored)
+
+
+@pytest.fixture(scope="module")
+def python(source: Path, install_fresh: Callable[..., Path]) -> Path:
+    """The interpreter of a fresh environment that holds the example."""
+    return install_fresh(source.parent / "env", source)
 
 
 def run(command: list) -> str:
@@ -65,5 +60,5 @@ def test_it_runs_on_a_folder_of_scans(python: Path, room: Scene, tmp_path: Path)
     assert mine["completer"]["options"] == {"neighbors": 4, "gap": 1.5}
 
 
-def test_its_own_tests_pass_there(python: Path) -> None:
-    assert "2 passed" in run([python, "-m", "pytest", "-p", "no:cacheprovider", python.parents[2] / "source" / "tests"])
+def test_its_own_tests_pass_there(python: Path, source: Path) -> None:
+    assert "2 passed" in run([python, "-m", "pytest", "-p", "no:cacheprovider", source / "tests"])
