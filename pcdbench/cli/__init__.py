@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import list_, show
+from pcdbench.cli import audit, list_, results, run, show
 from pcdbench.errors import PcdbenchError
 
 
@@ -27,6 +27,9 @@ class _Commands(TyperGroup):
 
 
 app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app.command("run")(run.run)
+app.command("results")(results.results)
+app.command("audit")(audit.audit)
 app.command("list")(list_.list_plugins)
 app.command("show")(show.show)
 

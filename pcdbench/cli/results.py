@@ -1,0 +1,65 @@
+"""`pcdbench results`: the summary of a run, again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+Format = Literal["table", "json", "csv", "markdown"]
+_WIDTH_OFF_TERMINAL = 150
+_REASONS_SHOWN = 12
+
+
+def results(
+    run: Annotated[Path, typer.Argument(help="The folder of a run.")],
+    format: Annotated[Format, typer.Option(help="How to print the summary.")] = "table",
+) -> None:
+    """Print the summary of a run again."""
+    from pcdbench.errors import PcdbenchError
+    from pcdbench.runner.store import read_rows, read_run
+
+    read_run(run)
+    rows = read_rows(run)
+    if not rows:
+        raise PcdbenchError(f"{run} has no rows yet; give its command again to go on (it is in {run / 'run.json'})")
+    print_summary(rows, run, format)
+
+
+def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Format) -> None:
+    """Print what rows add up to on standard output: tables, or records for programs."""
+    from pcdbench.leaderboard.render import LEGEND, markdown, print_tables, records, summary_tables
+    from pcdbench.leaderboard.summary import reasons, summarize
+
+    summary = summarize(rows)
+    if format == "json":
+        typer.echo(json.dumps({"run": str(folder), "summary": records(summary), "reasons": reasons(rows)}, indent=2))
+    elif format == "csv":
+        typer.echo(summary.to_csv(index=False), nl=False)
+    elif format == "markdown":
+        lost = "".join(f"- {reason}\n" for reason in reasons(rows))
+        typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{lost}", nl=False)
+    else:
+        console = table_console()
+        print_tables(summary_tables(summary), console)
+        console.print(LEGEND, style="dim")
+        print_reasons(reasons(rows), console)
+
+
+def table_console() -> Any:
+    """A console on standard output; tables that go to a file or a pipe are not squeezed to 80 columns."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    return console if console.is_terminal else Console(highlight=False, width=_WIDTH_OFF_TERMINAL)
+
+
+def print_reasons(found: Sequence[str], console: Any) -> None:
+    """Print why rows have no measurements, the first dozen reasons."""
+    for reason in found[:_REASONS_SHOWN]:
+        console.print(reason, markup=False, soft_wrap=True)
+    if len(found) > _REASONS_SHOWN:
+        console.print(f"and {len(found) - _REASONS_SHOWN} reasons more: --format json", markup=False)

@@ -1,0 +1,89 @@
+"""What a run draws: one case side by side, and the figures of its tasks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pcdbench.runner.completions import CompletionCache
+from pcdbench.runner.execute import Executor, Failure
+from pcdbench.runner.plan import Cell, Plan
+
+
+def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Path) -> Path | None:
+    """Draw the first case of the middle level: true, incomplete, and as each completer completed it.
+
+    Returns:
+        `case_<scene>_<level>.png` in `folder`, or None where no scene could be used.
+    """
+    from pcdbench.leaderboard.picture import write_picture
+
+    usable = {row["scene"] for row in rows if row["stage"] not in ("scene", "case")}
+    level = plan.levels[len(plan.levels) // 2]
+    cells = [cell for cell in plan.cells if cell.scene in usable and cell.level == level]
+    if not cells:
+        return None
+    first = cells[0]
+    path = folder / f"case_{first.scene}_{level:g}.png"
+    shown = [cell for cell in cells if _same_case(cell, first) and not cell.completer.reference]
+    executor = Executor(plan.dataset, CompletionCache())
+    case = executor.case(first)
+    clouds = [("true", case.scene.complete), ("incomplete", case.cloud)]
+    for cell in shown:
+        try:
+            clouds.append((cell.completer.name, executor.completion(cell, case)[0].cloud))
+        except Failure:
+            continue
+    title = f"{first.scene}: {level:.0%} taken away by {first.incompleteness.name}"
+    write_picture(path, clouds, title, case.scene.complete)
+    return path
+
+
+def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Path) -> tuple[list[Path], list[str]]:
+    """Write what each task draws of its rows.
+
+    Returns:
+        The files `<task>_<name>.png` in `folder`, and a line for each task that failed to draw.
+    """
+    import pandas as pd
+
+    written, problems = [], []
+    for plugin in plan.tasks:
+        frame = pd.DataFrame(
+            [_drawn(row) for row in rows if row["status"] == "ok" and row["task"]["name"] == plugin.name]
+        )
+        if frame.empty:
+            continue
+        try:
+            for name, figure in plugin.build().figures(frame).items():
+                folder.mkdir(parents=True, exist_ok=True)
+                path = folder / f"{plugin.name}_{name}.png"
+                figure.savefig(path, dpi=130)
+                written.append(path)
+        except Exception as error:
+            problems.append(f"{plugin.name} could not draw its figures: {type(error).__name__}: {error}")
+    return written, problems
+
+
+def _drawn(row: Mapping[str, Any]) -> dict[str, Any]:
+    metrics = row["metrics"].items()
+    return {
+        "scene": row["scene"],
+        "draw": row["draw"],
+        "incompleteness": row["incompleteness"]["name"],
+        "level": row["level"],
+        "completer": row["completer"]["name"],
+        "samples": {name: metric["samples"] for name, metric in metrics},
+        "labels": {name: metric["labels"] for name, metric in metrics if "labels" in metric},
+        "trace": row["trace"],
+    }
+
+
+def _same_case(cell: Cell, other: Cell) -> bool:
+    return (cell.scene, cell.draw, cell.incompleteness, cell.level) == (
+        other.scene,
+        other.draw,
+        other.incompleteness,
+        other.level,
+    )

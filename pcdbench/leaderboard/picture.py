@@ -1,0 +1,109 @@
+"""A picture of clouds side by side: from above without the ceiling, and at a slant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.cloud import PointCloud
+
+_BACKGROUND = (1.0, 1.0, 1.0)
+_PANEL_PIXELS = 560
+_CEILING_SHARE = 0.85
+_SLANT_DEG, _TURN_DEG = 52.0, 30.0
+
+
+def write_picture(path: Path, clouds: Sequence[tuple[str, PointCloud]], title: str, frame: PointCloud) -> None:
+    """Write a PNG with a column for each named cloud: above it from above, below it at a slant.
+
+    Args:
+        frame: the cloud whose extent every panel shows (the complete one), so that panels line up.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(3.4 * len(clouds), 7.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, len(clouds), squeeze=False)
+    for column, (name, cloud) in enumerate(clouds):
+        for row, view in enumerate((_from_above, _at_a_slant)):
+            axes[row, column].imshow(view(cloud, frame), interpolation="lanczos")
+            axes[row, column].set_axis_off()
+        axes[0, column].set_title(f"{name}\n{len(cloud):,} points", fontsize=11)
+    figure.suptitle(title, fontsize=12)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=110, facecolor="white", bbox_inches="tight")
+
+
+def splat(
+    points: NDArray[np.float64],
+    colors: NDArray[np.float64],
+    extent: tuple[NDArray[np.float64], NDArray[np.float64]],
+    radius_m: float,
+) -> NDArray[np.float64]:
+    """(H, W, 3) picture of points seen along -z, each a disc; the nearest (highest z) wins in every pixel.
+
+    Args:
+        points: (N, 3) in the viewer's frame: x right, y up, z toward the viewer, metres.
+        colors: (N, 3) in [0, 1].
+        extent: (2,) lower and upper corner of what the picture shows, metres.
+    """
+    low, high = extent
+    scale = _PANEL_PIXELS / float((high - low).max())
+    width, height = (np.ceil((high - low) * scale).astype(int) + 1).tolist()
+    center = (points[:, :2] - low) * scale
+    radius = max(1.0, radius_m * scale)
+    reach = int(np.ceil(radius))
+    steps = np.arange(-reach, reach + 1)
+    offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    offsets = offsets[(offsets**2).sum(axis=1) <= radius**2]
+
+    image = np.tile(np.array(_BACKGROUND), (height * width, 1))
+    order = np.argsort(points[:, 2], kind="stable")
+    pixels = np.round(center[order])[:, None, :].astype(int) + offsets
+    inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=2)
+    flat = (height - 1 - pixels[..., 1]) * width + pixels[..., 0]
+    # Points come from far to near and their index only grows: the largest index is the nearest point.
+    nearest = np.full(height * width, -1)
+    np.maximum.at(nearest, flat[inside], np.broadcast_to(np.arange(len(points))[:, None], flat.shape)[inside])
+    hit = nearest >= 0
+    image[hit] = colors[order][nearest[hit]]
+    return image.reshape(height, width, 3)
+
+
+def _from_above(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
+    return _view(cloud, frame, np.eye(3))
+
+
+def _at_a_slant(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
+    slant, turn = np.deg2rad(_SLANT_DEG), np.deg2rad(_TURN_DEG)
+    about_z = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    about_x = np.array([[1, 0, 0], [0, np.cos(slant), np.sin(slant)], [0, -np.sin(slant), np.cos(slant)]])
+    return _view(cloud, frame, about_x @ about_z)
+
+
+def _view(cloud: PointCloud, frame: PointCloud, R_view_scene: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The cloud without its ceiling, seen from this direction, at the frame's extent."""
+    low, high = frame.points.min(axis=0), frame.points.max(axis=0)
+    center = (low + high) / 2
+    ceiling = low[2] + _CEILING_SHARE * (high[2] - low[2])
+    shown = cloud.points[:, 2] <= ceiling
+    points = (cloud.points[shown] - center) @ R_view_scene.T
+    framed = (frame.points[frame.points[:, 2] <= ceiling] - center) @ R_view_scene.T
+    corners = framed[:, :2].min(axis=0), framed[:, :2].max(axis=0)
+    margin = 0.03 * float((corners[1] - corners[0]).max())
+    radius_m = 0.55 * float(np.sqrt(np.prod(np.maximum(high - low, 0.1)[:2]) / max(1, len(frame)))) * 1.6
+    return splat(points, _shaded(cloud, low, high)[shown], (corners[0] - margin, corners[1] + margin), radius_m)
+
+
+def _shaded(cloud: PointCloud, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3) the cloud's colours, or its height as colour; darker toward the floor, so that shapes stand out."""
+    height = np.clip((cloud.points[:, 2] - low[2]) / max(float(high[2] - low[2]), 1e-9), 0.0, 1.0)
+    if cloud.colors is not None:
+        return np.clip(cloud.colors * (0.85 + 0.25 * height[:, None]), 0.0, 1.0)
+    from matplotlib import colormaps
+
+    return np.asarray(colormaps["viridis"](height))[:, :3]

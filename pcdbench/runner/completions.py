@@ -1,0 +1,114 @@
+"""Completed clouds kept on disk by their cell's key, so that another task, or a picture, need not wait again."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+from pcdbench.cloud import PointCloud
+from pcdbench.errors import CloudError
+from pcdbench.keys import canonical_json
+from pcdbench.paths import cache_dir
+
+LIMIT_VARIABLE = "PCDBENCH_COMPLETIONS_MB"
+DEFAULT_LIMIT_MB = 4000.0
+
+
+@dataclass(frozen=True)
+class Completion:
+    """A completed cloud and what it cost when it was made.
+
+    Attributes:
+        facts: JSON values: seconds, peak memory, device.
+    """
+
+    cloud: PointCloud
+    facts: Mapping[str, Any]
+
+
+class CompletionCache:
+    """A folder of completions, the longest unused of which are dropped beyond a size.
+
+    Several processes may use it at once: a file appears complete or not at all, and one that vanished or was
+    damaged is a completion to be made again.
+
+    Args:
+        folder: `completions` in the cache folder unless given.
+        limit_mb: its size; `PCDBENCH_COMPLETIONS_MB` unless given, 0 keeps nothing.
+    """
+
+    def __init__(self, folder: Path | None = None, limit_mb: float | None = None) -> None:
+        self.folder = cache_dir() / "completions" if folder is None else folder
+        self.limit_bytes = int((_limit_mb() if limit_mb is None else limit_mb) * 1e6)
+        self._written = 0
+
+    def get(self, key: str) -> Completion | None:
+        """The completion of this key, now the most recently used, or None."""
+        import json
+
+        import numpy as np
+
+        path = self._path(key)
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                colors = stored.get("colors")
+                completion = Completion(PointCloud(stored["points"], colors), json.loads(str(stored["facts"])))
+            os.utime(path)
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile, CloudError):
+            return None
+        return completion
+
+    def put(self, key: str, completion: Completion) -> None:
+        """Keep a completion; a full disk costs the cache, not the run."""
+        import numpy as np
+
+        if self.limit_bytes <= 0:
+            return
+        arrays: dict[str, Any] = {"points": completion.cloud.points, "facts": canonical_json(dict(completion.facts))}
+        if completion.cloud.colors is not None:
+            arrays["colors"] = completion.cloud.colors
+        path = self._path(key)
+        with contextlib.suppress(OSError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as stream:
+                try:
+                    np.savez(stream, allow_pickle=False, **arrays)
+                    stream.close()
+                    os.replace(stream.name, path)
+                except OSError:
+                    os.unlink(stream.name)
+                    raise
+            self._written += path.stat().st_size
+        if self._written > self.limit_bytes // 20:
+            self.trim()
+
+    def trim(self) -> None:
+        """Drop what was not used for the longest time until the folder fits its size."""
+        self._written = 0
+        files = []
+        for path in self.folder.glob("*/*.npz"):
+            with contextlib.suppress(OSError):
+                status = path.stat()
+                files.append((status.st_mtime, status.st_size, path))
+        total = sum(size for _, size, _ in files)
+        for _, size, path in sorted(files):
+            if total <= self.limit_bytes:
+                return
+            path.unlink(missing_ok=True)
+            total -= size
+
+    def _path(self, key: str) -> Path:
+        return self.folder / key[:2] / f"{key}.npz"
+
+
+def _limit_mb() -> float:
+    try:
+        return float(os.environ.get(LIMIT_VARIABLE, ""))
+    except ValueError:
+        return DEFAULT_LIMIT_MB

@@ -1,0 +1,216 @@
+"""One cell: make its case, complete it, measure it by every task; whatever goes wrong costs its own rows alone."""
+
+from __future__ import annotations
+
+import platform
+import time
+import traceback
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+
+from pcdbench.case import Case, make_case
+from pcdbench.cloud import PointCloud
+from pcdbench.completer import Completer, ReferenceCompleter
+from pcdbench.errors import PcdbenchError, PluginError, Skipped
+from pcdbench.keys import digest, seed_from
+from pcdbench.runner.completions import Completion, CompletionCache
+from pcdbench.runner.measuring import Cost
+from pcdbench.runner.plan import Cell
+from pcdbench.runner.rows import Row, new_row, samples_by_metric
+from pcdbench.runner.selection import Plugin
+from pcdbench.task import Measurements, Task
+from pcdbench.threads import thread_count
+
+Stage = Literal["scene", "case", "completing", "evaluating"]
+_KEPT_SCENES = 2
+_TRACEBACK_LINES = 12
+T = TypeVar("T")
+
+
+@dataclass(eq=False)
+class Failure(Exception):
+    """Why rows have no measurements."""
+
+    status: Literal["failed", "skipped"]
+    stage: Stage
+    error: str
+    detail: str | None = None
+
+
+class Executor:
+    """Runs cells of one data set, one after the other; remembers the last scenes, cases and completers."""
+
+    def __init__(self, dataset: Plugin, cache: CompletionCache) -> None:
+        self._dataset = dataset
+        self._cache = cache
+        self._kept: dict[str, OrderedDict[Hashable, Any]] = {}
+
+    def rows(self, cell: Cell, tasks: Sequence[Plugin]) -> list[Row]:
+        """One row for each task, whatever happens; nothing but KeyboardInterrupt is raised."""
+        base = self._base_row(cell)
+        try:
+            case = self.case(cell)
+            completion, cached = self.completion(cell, case)
+        except Failure as failure:
+            return [_failed_row(base, cell, task, failure) for task in tasks]
+        base |= {
+            "points": {
+                "complete": len(case.scene.complete),
+                "incomplete": int(case.kept.sum()),
+                "completed": len(completion.cloud),
+            },
+            "completing": {key: completion.facts[key] for key in ("seconds", "peak_memory_mb")} | {"cached": cached},
+            "device": completion.facts["device"],
+        }
+        return [self._measured_row(base, cell, task, case, completion.cloud) for task in tasks]
+
+    def case(self, cell: Cell) -> Case:
+        """The case of a cell.
+
+        Raises:
+            Failure: where the scene or the case cannot be made.
+        """
+        scene = self._remember("scene", cell.scene, lambda: _at("scene", lambda: self._open().scene(cell.scene)))
+        incompleteness = cell.incompleteness
+
+        def make() -> Case:
+            maker = self._remember("incompleteness", incompleteness.identity, incompleteness.build)
+            case = make_case(scene, incompleteness.name, maker, cell.level, cell.seed)
+            if not case.kept.any():
+                raise Skipped(f"nothing is left of {cell.scene} at level {cell.level:g}")
+            return case
+
+        return self._remember(
+            "case", (cell.scene, incompleteness.identity, cell.level, cell.seed), lambda: _at("case", make)
+        )
+
+    def completion(self, cell: Cell, case: Case) -> tuple[Completion, bool]:
+        """The completed cloud, and whether it came from the cache.
+
+        Raises:
+            Failure: where the completer cannot complete the case.
+        """
+        plugin = cell.completer
+        cache_key = digest([cell.key, plugin.code])
+        if not plugin.reference:
+            found = self._cache.get(cache_key)
+            if found is not None:
+                return found, True
+        completer = self._remember("completer", plugin.identity, lambda: _at("completing", plugin.build))
+        rng = np.random.default_rng(seed_from("completer", cell.key))
+        completion = _at("completing", lambda: completed(completer, case, rng))
+        if not plugin.reference:
+            self._cache.put(cache_key, completion)
+        return completion, False
+
+    def _measured_row(self, base: Row, cell: Cell, task: Plugin, case: Case, cloud: PointCloud) -> Row:
+        cost = Cost()
+        try:
+            evaluator = self._remember("task", task.identity, lambda: _at("evaluating", task.build))
+            samples = _at("evaluating", lambda: measured(evaluator, cell, task, case, cloud, cost))
+        except Failure as failure:
+            return _failed_row(base, cell, task, failure) | {"evaluating": cost.as_json()}
+        return new_row(base, cell, task) | {"status": "ok", "evaluating": cost.as_json()} | samples
+
+    def _open(self) -> Any:
+        return self._remember("dataset", self._dataset.identity, self._dataset.build)
+
+    def _remember(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
+        """What `make` gave for this key before, or gives now, a failure too; few scenes and cases, every plugin."""
+        kept = self._kept.setdefault(kind, OrderedDict())
+        if key not in kept:
+            try:
+                kept[key] = make()
+            except Failure as failure:
+                kept[key] = failure
+            if kind in ("scene", "case") and len(kept) > _KEPT_SCENES:
+                kept.popitem(last=False)
+        kept.move_to_end(key)
+        if isinstance(kept[key], Failure):
+            raise kept[key]
+        return kept[key]
+
+    def _base_row(self, cell: Cell) -> Row:
+        return {
+            "dataset": self._dataset.describe() | {"digest": cell.scene_digest},
+            "threads": thread_count(),
+            "host": platform.node(),
+            "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        }
+
+
+def completed(completer: Completer, case: Case, rng: np.random.Generator) -> Completion:
+    """A completer's answer to a case, checked, and what it cost.
+
+    Raises:
+        Skipped: where the completer needs colour and the case has none.
+        PluginError: where what it returned is not a cloud with points.
+    """
+    incomplete = case.cloud
+    if completer.needs_color and incomplete.colors is None:
+        raise Skipped("the completer needs colour and the cloud has none")
+    with Cost() as cost:
+        cloud: Any = (
+            completer.answer(case, rng)
+            if isinstance(completer, ReferenceCompleter)
+            else completer.complete(incomplete, rng)
+        )
+    if not isinstance(cloud, PointCloud):
+        raise PluginError(f"the completer returned {type(cloud).__name__}, not a pcdbench.PointCloud")
+    if not len(cloud):
+        raise PluginError("the completer returned a cloud without points")
+    device = str(getattr(completer, "device", "cpu"))
+    return Completion(cloud, cost.as_json() | {"device": device})
+
+
+def measured(evaluator: Task, cell: Cell, task: Plugin, case: Case, cloud: PointCloud, cost: Cost) -> Row:
+    """A task's measurements of a completed cloud as the row keeps them; `cost` takes what they cost.
+
+    Raises:
+        Skipped: where the task needs colour and there is none, or says so itself.
+        PluginError: where what it returned breaks its contract.
+    """
+    if evaluator.needs_color:
+        for which, its in (("completed", cloud), ("complete", case.scene.complete)):
+            if its.colors is None:
+                raise Skipped(f"the task needs colour and the {which} cloud has none")
+    if evaluator.caps_density and len(cloud) > len(case.scene.complete):
+        drawn = np.random.default_rng(seed_from("cap", cell.key))
+        cloud = cloud.select(np.sort(drawn.permutation(len(cloud))[: len(case.scene.complete)]))
+    # Neither the completer nor the level is in this seed: all of a draw's clouds are measured alike.
+    rng = np.random.default_rng(seed_from("task", cell.seed, task.name))
+    with cost:
+        measurements: Any = evaluator.evaluate(case, cloud, rng)
+    if not isinstance(measurements, Measurements):
+        raise PluginError(f"the task returned {type(measurements).__name__}, not pcdbench.Measurements")
+    return samples_by_metric(evaluator, measurements)
+
+
+def _at(stage: Stage, work: Callable[[], T]) -> T:
+    """What `work` returns; whatever it raises becomes a `Failure` of this stage."""
+    try:
+        return work()
+    except (Failure, KeyboardInterrupt):
+        raise
+    except Skipped as reason:
+        raise Failure("skipped", stage, str(reason)) from reason
+    except PcdbenchError as error:
+        raise Failure("failed", stage, str(error)) from error
+    except BaseException as error:
+        # Plugins may raise anything, SystemExit too; it is their cell that fails, not the run.
+        message = " ".join(str(error).split())
+        lines = traceback.format_exc().splitlines()[-_TRACEBACK_LINES:]
+        raise Failure("failed", stage, f"{type(error).__name__}: {message}"[:500], "\n".join(lines)) from error
+
+
+def _failed_row(base: Row, cell: Cell, task: Plugin, failure: Failure) -> Row:
+    return new_row(base, cell, task) | {
+        "status": failure.status,
+        "stage": failure.stage,
+        "error": failure.error,
+        "detail": failure.detail,
+    }

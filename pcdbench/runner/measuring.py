@@ -1,0 +1,56 @@
+"""What a piece of work costs: its seconds, and by how much it made this process grow at its peak."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from types import TracebackType
+
+_STATUS = "/proc/self/status"
+_CLEAR = "/proc/self/clear_refs"
+
+
+@dataclass
+class Cost:
+    """Measures what happens inside its `with` block.
+
+    Attributes:
+        seconds: wall-clock time.
+        peak_memory_mb: the peak of the process's resident memory inside the block, less what it was at its
+            start (1 MB = 10^6 bytes); None where the system cannot tell (Linux can).
+    """
+
+    seconds: float = 0.0
+    peak_memory_mb: float | None = None
+
+    def __enter__(self) -> Cost:
+        self._resident_kb = _reset_peak()
+        self._start = time.perf_counter()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.seconds = time.perf_counter() - self._start
+        if self._resident_kb is not None:
+            self.peak_memory_mb = round(max(0, _status_kb("VmHWM") - self._resident_kb) * 1024 / 1e6, 1)
+
+    def as_json(self) -> dict[str, float | None]:
+        """The two figures of a result row."""
+        return {"seconds": round(self.seconds, 6), "peak_memory_mb": self.peak_memory_mb}
+
+
+def _reset_peak() -> int | None:
+    """Set the recorded peak to what is resident now, and return that (kB); None where neither is possible."""
+    try:
+        with open(_CLEAR, "w") as clear:
+            clear.write("5")
+        return _status_kb("VmRSS")
+    except OSError:
+        return None
+
+
+def _status_kb(field: str) -> int:
+    with open(_STATUS) as status:
+        for line in status:
+            if line.startswith(field):
+                return int(line.split()[1])
+    raise OSError(f"{_STATUS} has no {field}")

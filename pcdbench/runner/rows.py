@@ -1,0 +1,96 @@
+"""The result row: what one task found out about one cell, as one JSON object."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from pcdbench.errors import PluginError
+from pcdbench.runner.plan import Cell
+from pcdbench.runner.selection import Plugin
+
+if TYPE_CHECKING:
+    from pcdbench.task import Measurements, Task
+
+SCHEMA_VERSION = 1
+Row = dict[str, Any]
+
+# What may differ between two rows of one key: they say where and how fast it was computed, not what came out.
+CIRCUMSTANCES = ("completing", "evaluating", "device", "threads", "host", "time", "detail")
+
+
+def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
+    """A row of this cell and task with nothing measured yet; `base` overrides where it says more."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "key": cell.row_key(task),
+        "cell": cell.key,
+        "scene": cell.scene,
+        "draw": cell.draw,
+        "incompleteness": cell.incompleteness.describe(),
+        "level": cell.level,
+        "seed": cell.seed,
+        "completer": cell.completer.describe(),
+        "task": task.describe(),
+        "status": None,
+        "stage": None,
+        "error": None,
+        "detail": None,
+        "metrics": {},
+        "trace": {},
+        "points": None,
+        "completing": None,
+        "evaluating": None,
+        "device": None,
+        **base,
+    }
+
+
+def samples_by_metric(task: Task, measurements: Measurements) -> Row:
+    """The measurements as the row keeps them: samples, labels and meaning by metric, and the trace.
+
+    Raises:
+        PluginError: naming the metric that is not declared, not numbers or not finite.
+    """
+    import numpy as np
+
+    declared = {metric.name: metric for metric in task.metrics}
+    metrics: Row = {}
+    for name, values in measurements.samples.items():
+        if name not in declared:
+            raise PluginError(f"the task returned {name!r}, which its `metrics` do not declare")
+        try:
+            samples = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise PluginError(f"the samples of {name!r} are not numbers") from None
+        if samples.ndim != 1:
+            raise PluginError(f"the samples of {name!r} must be a sequence of numbers, not of shape {samples.shape}")
+        if not np.isfinite(samples).all():
+            raise PluginError(f"{int((~np.isfinite(samples)).sum())} of {samples.size} samples of {name!r} not finite")
+        metric = declared[name]
+        metrics[name] = {
+            "unit": metric.unit,
+            "direction": metric.direction,
+            "summary": metric.summary,
+            "main": metric is task.metrics[0],
+            "samples": samples.tolist(),
+        }
+        labels = [str(label) for label in measurements.labels.get(name, ())]
+        if labels:
+            if len(labels) != samples.size:
+                raise PluginError(f"{name!r} has {samples.size} samples and {len(labels)} labels")
+            metrics[name]["labels"] = labels
+    return {"metrics": metrics, "trace": _as_json(measurements.trace)}
+
+
+def _as_json(trace: Mapping[str, Any]) -> Any:
+    def plain(value: Any) -> Any:
+        if hasattr(value, "tolist"):
+            return value.tolist()
+        raise TypeError(f"{type(value).__name__} in the trace")
+
+    try:
+        return json.loads(json.dumps(dict(trace), default=plain, allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise PluginError(f"the trace must hold numbers, text and lists of them: {error}") from None

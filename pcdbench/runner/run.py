@@ -1,0 +1,91 @@
+"""A run: the cells of a plan whose rows are missing, carried out and stored."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.runner.completions import CompletionCache
+from pcdbench.runner.plan import Plan
+from pcdbench.runner.pool import Job, run_jobs
+from pcdbench.runner.progress import RunProgress
+from pcdbench.runner.provenance import provenance
+from pcdbench.runner.rows import Row
+from pcdbench.runner.store import RunStore, read_rows
+from pcdbench.threads import thread_count
+
+RUNS = Path("runs")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run that has ended.
+
+    Attributes:
+        rows: all its rows, those of earlier invocations too.
+        new_cells: how many cells this invocation carried out.
+    """
+
+    plan: Plan
+    folder: Path
+    rows: list[Row]
+    new_cells: int
+
+    @property
+    def failed(self) -> list[Row]:
+        """Rows that have no measurements though they should."""
+        return [row for row in self.rows if row["status"] not in ("ok", "skipped")]
+
+
+def carry_out(plan: Plan, folder: Path | None = None, workers: int | None = None) -> Run:
+    """Run the cells of `plan` that the folder has no finished rows of; rows that failed are tried again.
+
+    Args:
+        folder: `runs/<data set>-<split>-<digest of the configuration>` unless given.
+        workers: local worker processes; one for each core unless given.
+
+    Raises:
+        PcdbenchError: where the folder cannot be used or not one scene could be.
+    """
+    folder = RUNS / plan.folder_name if folder is None else folder
+    count = thread_count() if workers is None else workers
+    if count < 1:
+        raise PcdbenchError(f"--jobs {count} must be at least 1")
+    facts: dict[str, Any] = {
+        "command": shlex.join(["pcdbench", *sys.argv[1:]]),
+        "dataset_path": plan.dataset.path,
+        "left_out": dict(plan.left_out),
+        "workers": count,
+        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        **provenance(),
+    }
+    with RunStore(folder, plan.configuration, facts) as store:
+        jobs = missing_jobs(plan, store.finished_keys())
+        with RunProgress(jobs, count) as progress:
+            for job, rows in run_jobs(jobs, plan.dataset, count):
+                store.append(rows)
+                progress.done(job, rows)
+        if jobs:
+            CompletionCache().trim()
+    rows = read_rows(folder)
+    if rows and all(row["stage"] == "scene" for row in rows):
+        others = f" (and {len(plan.scenes) - 1} more)" if len(plan.scenes) > 1 else ""
+        raise PcdbenchError(
+            f"no scene of {plan.dataset.name} can be used: {rows[0]['scene']}{others}: {rows[0]['error']}"
+        )
+    return Run(plan, folder, rows, len(jobs))
+
+
+def missing_jobs(plan: Plan, finished: set[str]) -> list[Job]:
+    """The cells with a row missing, each with the tasks of those rows."""
+    jobs = []
+    for cell in plan.cells:
+        tasks = tuple(task for task in plan.tasks if cell.row_key(task) not in finished)
+        if tasks:
+            jobs.append(Job(cell, tasks))
+    return jobs

@@ -1,0 +1,163 @@
+"""What a user named, resolved: plugins with their options checked, versions known and digests taken."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from pcdbench.errors import PcdbenchError, PluginError
+from pcdbench.keys import digest, file_digest
+from pcdbench.plugins import Kind, did_you_mean, registry
+
+BASE_OF_KIND: dict[Kind, str] = {
+    "completer": "Completer",
+    "task": "Task",
+    "dataset": "Dataset",
+    "incompleteness": "Incompleteness",
+}
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One plugin of a run: everything about it that decides outcomes, small enough to send to a worker.
+
+    Attributes:
+        options: all its options, those left at their default too, as JSON values.
+        weights: digest of a completer's weights, or None.
+        code: digest of the file its class is in. Development changes code without raising a version: then
+            completions cached before are not reused, and an old run is not taken up again.
+        path: what follows the colon in `--dataset NAME:PATH`; where data lies decides no outcome.
+    """
+
+    kind: Kind
+    name: str
+    version: str
+    options: Mapping[str, Any]
+    reference: bool = False
+    weights: str | None = None
+    code: str = ""
+    path: str | None = None
+
+    def describe(self) -> dict[str, Any]:
+        """What a result row says about it."""
+        shown: dict[str, Any] = {"name": self.name, "version": self.version, "options": dict(self.options)}
+        if self.kind == "completer":
+            shown |= {"reference": self.reference, "weights": self.weights}
+        return shown
+
+    @cached_property
+    def identity(self) -> str:
+        """Digest of name, version, options and weights: what of it decides an outcome."""
+        return digest([self.kind, self.name, self.version, dict(self.options), self.weights])
+
+    def build(self) -> Any:
+        """A new instance of the plugin's class, with these options."""
+        cls = registry().get(self.kind, self.name).load()
+        options = cls.Options.model_validate(self.options)
+        if self.kind == "dataset":
+            return cls(None if self.path is None else Path(self.path), options)
+        return cls(options)
+
+
+def parse_options(texts: Sequence[str]) -> dict[str, dict[str, str]]:
+    """`NAME.KEY=VALUE` texts as {name: {key: value}}; the last of two wins.
+
+    Raises:
+        PcdbenchError: for a text of another shape.
+    """
+    options: dict[str, dict[str, str]] = {}
+    for text in texts:
+        left, equals, value = text.partition("=")
+        name, dot, key = left.partition(".")
+        if not (equals and dot and name and key):
+            raise PcdbenchError(f"--option {text!r} must look like NAME.KEY=VALUE (plane_fitting.distance_m=0.02)")
+        options.setdefault(name.strip(), {})[key.strip()] = value.strip()
+    return options
+
+
+def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | None = None) -> Plugin:
+    """The plugin of this name with these options.
+
+    Raises:
+        PluginError: where there is none, it cannot be loaded or it breaks its contract.
+        PcdbenchError: for an option it does not have or a value it does not take.
+    """
+    registration = registry().get(kind, name)
+    cls = registration.load()
+    _check_class(kind, name, registration.target, cls)
+    plugin = Plugin(
+        kind=kind,
+        name=name,
+        version=str(cls.version),
+        options=_options(name, cls.Options, options).model_dump(mode="json"),
+        reference=registration.reference,
+        code=_code_digest(cls),
+        path=path,
+    )
+    return replace(plugin, weights=_weights(plugin, cls)) if kind == "completer" else plugin
+
+
+def option_targets(options: Mapping[str, Mapping[str, str]], names: Mapping[Kind, Sequence[str]]) -> None:
+    """Check that every option is for a plugin of the run.
+
+    Raises:
+        PcdbenchError: naming the plugins that are in it.
+    """
+    known = [name for of_kind in names.values() for name in of_kind]
+    for name in options:
+        if name not in known:
+            raise PcdbenchError(f"--option {name}.…: {name!r} is not in this run; {did_you_mean(name, known)}")
+
+
+def _options(name: str, model: type[BaseModel], given: Mapping[str, str]) -> BaseModel:
+    try:
+        return model.model_validate_strings(dict(given)) if given else model()
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        if first["type"] == "extra_forbidden":
+            keys = list(model.model_fields)
+            cure = did_you_mean(key, keys) if keys else "it has no options"
+            raise PcdbenchError(f"{name} has no option {key!r}; {cure} (see pcdbench show {name})") from None
+        problem = first["msg"][0].lower() + first["msg"][1:]
+        value = given.get(key)
+        raise PcdbenchError(f"--option {name}.{key}={value}: {problem} (see pcdbench show {name})") from None
+
+
+def _check_class(kind: Kind, name: str, target: str, cls: Any) -> None:
+    import pcdbench
+
+    base = getattr(pcdbench, BASE_OF_KIND[kind])
+    if not (inspect.isclass(cls) and issubclass(cls, base)):
+        raise PluginError(f"{kind} {name!r}: {target} is not a subclass of pcdbench.{BASE_OF_KIND[kind]}")
+    if kind == "task" and not getattr(cls, "metrics", ()):
+        raise PluginError(f"task {name!r}: {target} declares no metrics; set `metrics`, the main one first")
+
+
+def _weights(plugin: Plugin, cls: Any) -> str | None:
+    import pcdbench
+
+    if cls.weights_digest is pcdbench.Completer.weights_digest:
+        return None
+    try:
+        return plugin.build().weights_digest()
+    except PcdbenchError:
+        raise
+    except Exception as error:
+        raise PluginError(
+            f"completer {plugin.name!r} cannot say which weights it uses: {type(error).__name__}: {error}"
+        ) from error
+
+
+def _code_digest(cls: type) -> str:
+    try:
+        return file_digest(Path(inspect.getfile(cls)))
+    except (OSError, TypeError):
+        return hashlib.sha256(cls.__qualname__.encode()).hexdigest()

@@ -1,0 +1,190 @@
+"""Where a run's rows live: a folder with `run.json` and `rows.jsonl`, appended and synced, never rewritten."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.keys import digest
+from pcdbench.runner.rows import SCHEMA_VERSION, Row
+
+ROWS = "rows.jsonl"
+RUN = "run.json"
+_LOCK = ".lock"
+_SHOWN_DIFFERENCES = 3
+
+
+class RunStore:
+    """A run's folder, held by this process alone while the `with` block lasts.
+
+    Args:
+        folder: made where it does not exist.
+        configuration: everything that decides the run's rows (see `Plan.configuration`).
+        facts: what else `run.json` says: command, package versions, machine.
+
+    Raises:
+        PcdbenchError: where the folder cannot be written, is in use, or holds another run.
+    """
+
+    def __init__(self, folder: Path, configuration: Mapping[str, Any], facts: Mapping[str, Any]) -> None:
+        self.folder = folder
+        self._configuration = configuration
+        self._facts = facts
+
+    def __enter__(self) -> RunStore:
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = FileLock(self.folder / _LOCK)
+            self._lock.acquire(timeout=0)
+        except Timeout:
+            raise PcdbenchError(
+                f"{self.folder} is in use by another pcdbench; wait for it to end or give another --out"
+            ) from None
+        except OSError as error:
+            raise PcdbenchError(f"{self.folder} cannot be written ({error.strerror}); give another --out") from error
+        try:
+            self._claim()
+            _drop_torn_line(self.folder / ROWS)
+            self._rows = (self.folder / ROWS).open("ab")
+        except BaseException:
+            self._lock.release()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._rows.close()
+        self._lock.release()
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Add rows; they are on the disk when this returns."""
+        lines = "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
+        self._rows.write(lines.encode())
+        self._rows.flush()
+        os.fsync(self._rows.fileno())
+
+    def finished_keys(self) -> set[str]:
+        """Keys of the rows that need not run again: those measured, and those skipped for a reason."""
+        return {row["key"] for row in read_rows(self.folder) if row["status"] in ("ok", "skipped")}
+
+    def _claim(self) -> None:
+        path = self.folder / RUN
+        if path.exists():
+            held = read_run(self.folder)["configuration"]
+            if digest(held) != digest(self._configuration):
+                differences = _differences(held, self._configuration)
+                raise PcdbenchError(
+                    f"{self.folder} holds another run ({', '.join(differences[:_SHOWN_DIFFERENCES])}); "
+                    "give another --out"
+                )
+        elif (self.folder / ROWS).exists():
+            raise PcdbenchError(f"{self.folder} has {ROWS} but no {RUN}; give another --out")
+        content = {"schema_version": SCHEMA_VERSION, "configuration": self._configuration, **self._facts}
+        write_text(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+
+
+def read_run(folder: Path) -> dict[str, Any]:
+    """What `run.json` of a run's folder says.
+
+    Raises:
+        PcdbenchError: where there is no run, or one of a newer pcdbench.
+    """
+    path = folder / RUN
+    try:
+        content = json.loads(path.read_text())
+    except FileNotFoundError:
+        raise PcdbenchError(f"{folder} is not a run: it has no {RUN}; runs lie in runs/ or where --out said") from None
+    except (OSError, ValueError) as error:
+        raise PcdbenchError(f"{path} cannot be read ({error}); run its command again into another folder") from None
+    if content.get("schema_version", 0) > SCHEMA_VERSION:
+        raise PcdbenchError(f"{path} was written by a newer pcdbench; update this one (pip install -U pcdbench)")
+    return content
+
+
+def read_rows(folder: Path) -> list[Row]:
+    """The rows of a run, in the order of their first appearance; of two with one key the newest counts.
+
+    Raises:
+        PcdbenchError: where a line is damaged. A last line without its end is a write that was cut off:
+            it is left out.
+    """
+    path = folder / ROWS
+    if not path.exists():
+        return []
+    newest: dict[str, Row] = {}
+    with path.open("rb") as stream:
+        for number, line in enumerate(stream, start=1):
+            if not line.endswith(b"\n"):
+                break
+            try:
+                row = json.loads(line)
+                newest[row["key"]] = row
+            except (ValueError, KeyError, TypeError):
+                raise PcdbenchError(f"{path}, line {number}, is damaged; delete that line and run again") from None
+    return list(newest.values())
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a file so that it appears complete or not at all."""
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=path.name, delete=False, encoding="utf-8") as stream:
+        try:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+            os.chmod(stream.name, 0o644)
+            os.replace(stream.name, path)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                os.unlink(stream.name)
+            raise
+
+
+def _drop_torn_line(path: Path) -> None:
+    """Cut off a last line whose writing was interrupted: its cell runs again."""
+    if not path.exists():
+        return
+    with path.open("rb+") as stream:
+        end = stream.seek(0, os.SEEK_END)
+        kept = end
+        while kept > 0:
+            start = max(0, kept - 65536)
+            stream.seek(start)
+            newline = stream.read(kept - start).rfind(b"\n")
+            if newline >= 0:
+                kept = start + newline + 1
+                break
+            kept = start
+        if kept < end:
+            stream.truncate(kept)
+
+
+def _differences(held: Any, wanted: Any, where: str = "") -> list[str]:
+    """`key held, not wanted` for what differs between two configurations."""
+    if isinstance(held, dict) and isinstance(wanted, dict):
+        return [
+            difference
+            for key in {**held, **wanted}
+            for difference in _differences(held.get(key), wanted.get(key), f"{where}.{key}" if where else key)
+        ]
+    if isinstance(held, list) and isinstance(wanted, list) and all(isinstance(its, dict) for its in held + wanted):
+        return _differences({its["name"]: its for its in held}, {its["name"]: its for its in wanted}, where)
+    if json.dumps(held) == json.dumps(wanted):
+        return []
+    if where.endswith(".code"):
+        return [f"the code of {where.split('.')[-2]} has changed"]
+    return [f"{where}: {_short(held)}, not {_short(wanted)}"]
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return str(value.get("name", "given"))
+    text = "none" if value is None else json.dumps(value)
+    return text if len(text) <= 40 else text[:37] + "..."

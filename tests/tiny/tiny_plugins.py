@@ -1,0 +1,193 @@
+"""Plugins that the runner's tests install: small, fast, and each misbehaving in a way of its own on request."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+import pcdbench
+from pcdbench import Case, Completer, Dataset, Incompleteness, Measurements, Metric, PointCloud, Scene, Task
+from pcdbench.plugins import Register, hookimpl
+
+
+@hookimpl
+def register_datasets(register: Register) -> None:
+    register("tiny", "tiny_plugins:Tiny", "random points in boxes")
+
+
+@hookimpl
+def register_incompletenesses(register: Register) -> None:
+    register("slab", "tiny_plugins:Slab", "one side is missing")
+
+
+@hookimpl
+def register_completers(register: Register) -> None:
+    register("tiny_fill", "tiny_plugins:Fill", "random points in the cloud's box")
+    register("tiny_colorful", "tiny_plugins:Colorful", "needs colour")
+    register("tiny_faulty", "tiny_plugins:Faulty", "fails as its option says")
+    register("tiny_missing", "tiny_plugins_that_are_not_there:Completer", "cannot be imported")
+
+
+@hookimpl
+def register_tasks(register: Register) -> None:
+    register("tiny_gap", "tiny_plugins:Gap", "how far the truth is from the completed cloud")
+    register("tiny_color", "tiny_plugins:Color", "mean difference of colour")
+    register("tiny_blind", "tiny_plugins:Blind", "looks at nothing")
+    register("tiny_wrong", "tiny_plugins:Wrong", "measures what is no number")
+
+
+class Tiny(Dataset):
+    """Scenes `box0`, `box1` ...: random points on the sides of boxes."""
+
+    class Options(pcdbench.Options):
+        scenes: int = 3
+        points: int = 300
+        dense: int = 1500
+        color: bool = True
+        broken: str = Field("", description="a scene that cannot be made, or all")
+        seconds: float = Field(0.0, description="how long a scene takes")
+
+    options: Options
+    default_split = "few"
+
+    def splits(self) -> Sequence[str]:
+        return ["few", "none"]
+
+    def scene_names(self, split: str) -> Sequence[str]:
+        return [f"box{number}" for number in range(self.options.scenes)] if split == "few" else []
+
+    def digest(self, name: str) -> str:
+        return name
+
+    def scene(self, name: str) -> Scene:
+        time.sleep(self.options.seconds)
+        if self.options.broken in (name, "all"):
+            raise pcdbench.CloudError(f"{name}.ply has no points; scan it again")
+        rng = np.random.default_rng(int(name[3:]))
+        points = rng.random((self.options.dense, 3)) * (4, 3, 2)
+        side = rng.integers(0, 3, self.options.dense)
+        points[np.arange(len(points)), side] = 0.0
+        dense = PointCloud(points, rng.random(points.shape) if self.options.color else None)
+        index = np.sort(rng.permutation(len(points))[: self.options.points])
+        return Scene(name, dense.select(index), dense, index)
+
+
+class Slab(Incompleteness):
+    """Takes the points that are furthest in a random direction."""
+
+    def kept(self, scene: Scene, level: float, rng: np.random.Generator) -> np.ndarray:
+        along = scene.complete.points @ rng.normal(size=3)
+        kept = np.ones(len(along), dtype=bool)
+        kept[np.argsort(along)[len(along) - round(level * len(along)) :]] = False
+        return kept
+
+
+class Fill(Completer):
+    class Options(pcdbench.Options):
+        points: int = Field(500, ge=0)
+        seconds: float = 0.0
+
+    options: Options
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        time.sleep(self.options.seconds)
+        low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+        points = low + rng.random((self.options.points, 3)) * (high - low)
+        colors = None if cloud.colors is None else rng.random(points.shape)
+        return PointCloud.concatenate([cloud, PointCloud(points, colors)])
+
+
+class Colorful(Completer):
+    needs_color = True
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        return cloud
+
+
+class Faulty(Completer):
+    class Options(pcdbench.Options):
+        how: Literal["raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once"] = "raise"
+        level: float = Field(0.0, description="fails only where more than this share of 300 points is missing")
+        mark: str = Field("", description="for `once`: fails until this file exists")
+
+    options: Options
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        if len(cloud) > 300 * (1 - self.options.level):
+            return cloud
+        match self.options.how:
+            case "raise":
+                raise ZeroDivisionError("no plane\nhas been found")
+            case "exit":
+                sys.exit("good bye")
+            case "crash":
+                ctypes.string_at(0)
+            case "wrong":
+                return cloud.points  # type: ignore[return-value]
+            case "empty":
+                return PointCloud(np.empty((0, 3)))
+            case "skip":
+                raise pcdbench.Skipped("only round rooms")
+            case "colorless":
+                return cloud.without_colors()
+            case "once" if not Path(self.options.mark).exists():
+                raise RuntimeError("not yet")
+        return cloud
+
+
+class Gap(Task):
+    metrics = (
+        Metric("gap_m", "m", "lower", "mean distance from the complete to the completed cloud", "mean"),
+        Metric("drawn", "share", "higher", "what the rng of the task gave"),
+    )
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        gaps = cKDTree(completed.points).query(case.scene.complete.points)[0]
+        return Measurements(
+            {"gap_m": [gaps.mean()], "drawn": rng.random(3)},
+            labels={"drawn": ["a", "b", "c"]},
+            trace={"count": np.int64(len(completed)), "path": np.zeros((2, 3))},
+        )
+
+
+class Color(Task):
+    needs_color = True
+    metrics = (Metric("mean_color", "share", "higher", "mean of all colours"),)
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        assert completed.colors is not None
+        return Measurements({"mean_color": [float(completed.colors.mean())]})
+
+
+class Blind(Task):
+    metrics = (Metric("guess", "m", "lower", "a random number", "mean"),)
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        return Measurements({"guess": rng.random(4)})
+
+
+class Wrong(Task):
+    class Options(pcdbench.Options):
+        how: Literal["nan", "undeclared", "shape", "text", "none", "trace", "labels"] = "nan"
+
+    options: Options
+    metrics = (Metric("value", "m", "lower", "whatever"),)
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        return {
+            "nan": Measurements({"value": [1.0, float("nan")]}),
+            "undeclared": Measurements({"vaule": [1.0]}),
+            "shape": Measurements({"value": 1.0}),  # type: ignore[dict-item]
+            "text": Measurements({"value": ["far"]}),  # type: ignore[list-item]
+            "none": None,
+            "trace": Measurements({"value": [1.0]}, trace={"case": object()}),
+            "labels": Measurements({"value": [1.0, 2.0]}, labels={"value": ["a"]}),
+        }[self.options.how]  # type: ignore[return-value]
