@@ -1,0 +1,189 @@
+"""The contract checks: our own plugins pass them, and each way of breaking a contract is found and named."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import Field
+
+from pcdbench import Case, Completer, Measurements, Metric, Options, PointCloud, Skipped, Task
+from pcdbench.geometry.neighbors import nearest
+from pcdbench.plugins import registry
+from pcdbench.scene import Scene
+from pcdbench.testing import check_completer, check_task, small_room
+
+OURS = {kind: [one for one in registry().all(kind) if "pcdbench" in one.target] for kind in ("completer", "task")}
+
+
+@pytest.mark.parametrize("name", [one.name for one in OURS["completer"]])
+def test_our_completers_keep_their_contract(name: str) -> None:
+    check_completer(registry().get("completer", name).load())
+
+
+@pytest.mark.parametrize("name", [one.name for one in OURS["task"]])
+def test_our_tasks_keep_their_contract(name: str) -> None:
+    check_task(registry().get("task", name).load())
+
+
+def completer(complete: Callable[[PointCloud, np.random.Generator], Any], **attributes: Any) -> type[Completer]:
+    """A completer class that does `complete`."""
+    return type("Faulty", (Completer,), {"complete": lambda self, cloud, rng: complete(cloud, rng), **attributes})
+
+
+class NoDefault(Options):
+    distance_m: float = Field(description="how far")
+
+
+class NoDescription(Options):
+    distance_m: float = 1.0
+
+
+class Remembers(Completer):
+    calls = 0
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        self.calls += 1
+        return PointCloud(cloud.points + self.calls)
+
+
+def with_noise(rng: np.random.Generator, cloud: PointCloud) -> PointCloud:
+    return PointCloud(cloud.points + rng.normal(size=cloud.points.shape))
+
+
+def in_place(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+    cloud.points.flags.writeable = True
+    cloud.points[:] += 1.0
+    return cloud
+
+
+def single_precision(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+    return PointCloud(cloud.points.astype(np.float32).astype(np.float64))
+
+
+def needs_a_hundred(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+    if len(cloud) < 100:
+        raise IndexError("list index out of range")
+    return cloud
+
+
+def skips_below_a_hundred(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+    if len(cloud) < 100:
+        raise Skipped("fewer than 100 points")
+    return cloud
+
+
+FAULTY_COMPLETERS = {
+    "must return a PointCloud, not ndarray": completer(lambda cloud, rng: cloud.points),
+    "returned an empty cloud": completer(lambda cloud, rng: cloud.select(np.zeros(len(cloud), bool))),
+    "take randomness from the rng alone": completer(lambda cloud, rng: with_noise(np.random.default_rng(), cloud)),
+    "for the same input and rng": Remembers,
+    "centre the points before float32": completer(single_precision),
+    "one point: IndexError": completer(needs_a_hundred),
+    "option distance_m needs a default": completer(lambda cloud, rng: cloud, Options=NoDefault),
+    "option distance_m needs a description": completer(lambda cloud, rng: cloud, Options=NoDescription),
+    "SHA-256": completer(lambda cloud, rng: cloud, weights_digest=lambda self: "v2-final"),
+    "version must be": completer(lambda cloud, rng: cloud, version=2),
+}
+
+
+@pytest.mark.parametrize("says", FAULTY_COMPLETERS)
+def test_a_completer_that_breaks_its_contract_is_told_how(says: str) -> None:
+    made = FAULTY_COMPLETERS[says]
+    if made.Options is NoDefault:
+        made = made(NoDefault(distance_m=1.0))  # type: ignore[assignment]
+    with pytest.raises(AssertionError) as caught:
+        check_completer(made)
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_numpys_global_generator_is_not_a_source_of_randomness() -> None:
+    legacy = completer(lambda cloud, rng: PointCloud(cloud.points + np.random.rand()))  # noqa: NPY002
+    with pytest.raises(AssertionError, match="rng alone"):
+        check_completer(legacy)
+
+
+def test_a_completer_that_writes_into_its_input_is_found_out() -> None:
+    with pytest.raises((AssertionError, ValueError), match=r"input|WRITEABLE|writeable"):
+        check_completer(completer(in_place))
+
+
+def test_a_completer_that_wants_color_must_say_so() -> None:
+    def gray(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        return PointCloud(cloud.points, cloud.colors.mean(axis=1, keepdims=True).repeat(3, axis=1))  # type: ignore[union-attr]
+
+    with pytest.raises(AttributeError, match="mean"):
+        check_completer(completer(gray))
+    check_completer(completer(gray, needs_color=True))
+
+
+def test_skipping_what_is_too_small_is_fine_and_the_rng_may_be_used() -> None:
+    check_completer(completer(skips_below_a_hundred))
+    check_completer(completer(lambda cloud, rng: cloud.select(rng.permutation(len(cloud)))))
+
+
+class GapToTruth(Task):
+    """Mean distance from the truth to the completed cloud: a task as it should be."""
+
+    metrics = (Metric("gap_m", "m", "lower", "mean over complete points of the distance to the completed cloud"),)
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        return Measurements({"gap_m": nearest(case.scene.complete.points, completed.points)[0].tolist()})
+
+
+def task(measure: Callable[[Case, PointCloud, np.random.Generator], Any], **attributes: Any) -> type[Task]:
+    """The task above, measuring something else."""
+    body = {"evaluate": lambda self, case, completed, rng: measure(case, completed, rng), **attributes}
+    return type("Faulty", (GapToTruth,), body)
+
+
+def gap(*values: float, **more: Any) -> Measurements:
+    return Measurements({"gap_m": list(values)}, **more)
+
+
+METRIC = GapToTruth.metrics[0]
+FAULTY_TASKS = {
+    "cannot tell them apart": task(lambda case, completed, rng: gap(1.0)),
+    "must return pcdbench.Measurements, not float": task(lambda case, completed, rng: 1.0),
+    "declares ['gap_m'] but measures ['other']": task(lambda *_: Measurements({"other": [1.0]})),
+    "is not finite": task(lambda case, completed, rng: gap(float("nan"))),
+    "has no samples": task(lambda case, completed, rng: gap()),
+    "one label a sample": task(lambda case, completed, rng: gap(1.0, labels={"gap_m": ["a", "b"]})),
+    "plain numbers": task(lambda case, completed, rng: gap(1.0, trace={"path": np.zeros(3)})),
+    "for the same rng": task(lambda case, completed, rng: gap(np.random.default_rng().random())),
+    "metrics is empty": task(lambda *_: gap(1.0), metrics=()),
+    "names a metric twice": task(lambda *_: gap(1.0), metrics=(METRIC, METRIC)),
+    "needs a unit and a formula": task(lambda *_: gap(1.0), metrics=(Metric("gap_m", "m", "lower", ""),)),
+}
+
+
+@pytest.mark.parametrize("says", FAULTY_TASKS)
+def test_a_task_that_breaks_its_contract_is_told_how(says: str) -> None:
+    with pytest.raises(AssertionError) as caught:
+        check_task(FAULTY_TASKS[says])
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_good_task_passes_and_the_same_with_its_direction_wrong_does_not() -> None:
+    check_task(GapToTruth)
+    wrong = task(GapToTruth().evaluate, metrics=(Metric("gap_m", "m", "higher", METRIC.formula, "mean"),))
+    with pytest.raises(AssertionError, match=r"gap_m \(higher is better\)"):
+        check_task(wrong)
+
+
+def test_the_small_room_is_a_scene_like_any(room: Scene) -> None:
+    assert (len(room.complete), len(room.dense), len(room.objects)) == (4000, 40_000, 4)
+    np.testing.assert_array_equal(room.complete.points, room.dense.points[room.complete_index])
+    np.testing.assert_array_equal(small_room().dense.points, room.dense.points)
+    assert not np.array_equal(small_room(seed=1).dense.points, room.dense.points)
+    for tagged in room.objects:
+        assert tagged.box.contains(room.complete.points, margin_m=1e-6).sum() > 10
+
+
+def test_the_small_rooms_points_lie_on_its_mesh(room: Scene) -> None:
+    assert room.surface is not None
+    corners = room.surface.vertices[room.surface.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    heights = np.abs(np.einsum("ptk,tk->pt", room.complete.points[:200, None] - corners[:, 0], normals))
+    assert heights.min(axis=1).max() < 1e-6
