@@ -105,9 +105,12 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
     truth = [_measure(who, task, case, scene.complete) for case in halves]
     with _global_randomness(1):
         again = _measure(who, task, halves[0], scene.complete)
-    _require(
-        _as_json(truth[0]) == _as_json(again), f"{who} measured other values for the same rng; use no other randomness"
-    )
+    # Sums of threads differ in their last digits; anything more is randomness from elsewhere.
+    for name, samples in truth[0].samples.items():
+        _require(
+            len(samples) == len(again.samples[name]) and np.allclose(samples, again.samples[name], 1e-6, 1e-9),
+            f"{who}: {name} has other values for the same rng; use no other randomness",
+        )
     one_point = scene.complete.select(np.arange(1))
     odd = {"one point": one_point} | ({} if task.needs_color else {"no colour": scene.complete.without_colors()})
     for name, cloud in odd.items():
@@ -263,17 +266,17 @@ def _measure(who: str, task: Task, case: Case, completed: PointCloud) -> Measure
         _require(bool(np.isfinite(np.asarray(samples, float)).all()), f"{who}: {name} is not finite: {samples}")
     for name, labels in result.labels.items():
         _require(len(labels) == len(result.samples.get(name, ())), f"{who}: {name} needs one label a sample")
-    _as_json(result)
+    _require_json(result)
     for array, copy in zip(looked_at, before, strict=True):
         _require(np.array_equal(array, copy), f"{who} changed what it measured")
     return result
 
 
-def _as_json(result: Measurements) -> str:
+def _require_json(result: Measurements) -> None:
     samples = {name: [float(value) for value in values] for name, values in result.samples.items()}
     labels = {name: list(values) for name, values in result.labels.items()}
     try:
-        return canonical_json([samples, labels, dict(result.trace)])
+        canonical_json([samples, labels, dict(result.trace)])
     except (TypeError, ValueError) as error:
         raise AssertionError(f"measurements must be plain numbers, lists and texts: {error}") from error
 

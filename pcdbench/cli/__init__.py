@@ -30,6 +30,9 @@ app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pre
 app.command("run")(run.run)
 app.command("results")(results.results)
 app.command("audit")(audit.audit)
+app.command("run")(run.run)
+app.command("results")(results.results)
+app.command("audit")(audit.audit)
 app.command("list")(list_.list_plugins)
 app.command("show")(show.show)
 
