@@ -36,7 +36,9 @@ class Ssim(Task):
         edge_m = edge_from_density(complete.points, self.options.voxel_spacings)
         if not edge_m > 0:
             raise Skipped("the complete cloud has no two distinct points, so no resolution to look at it")
-        grid = VoxelGrid.covering(complete.points.min(axis=0), complete.points.max(axis=0), edge_m)
+        # A margin of one voxel, empty in the truth, takes what was put outside and shows it in front of the room.
+        low, high = complete.points.min(axis=0) - edge_m, complete.points.max(axis=0) + edge_m
+        grid = VoxelGrid.covering(low, high, edge_m)
         truth = voxelize(complete.points, complete.colors, grid)
         answer = voxelize(completed.points, completed.colors, grid)
         return Measurements({"ssim": [six_face_similarity(answer, truth)]})

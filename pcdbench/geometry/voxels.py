@@ -63,8 +63,8 @@ class Voxels:
 def voxelize(points: NDArray[np.float64], colors: NDArray[np.floating], grid: VoxelGrid) -> Voxels:
     """The occupied voxels of (N, 3) points, in metres, with the mean of their (N, 3) colours.
 
-    Points outside the grid are drawn to its border: seen along an axis they keep their place in front of
-    everything else, so that what lies outside shows instead of being forgotten.
+    Points outside the grid count in its border, so that they show instead of being forgotten: seen along the
+    axis on which they lie outside they keep their place in front of everything further in.
     """
     flat = np.ravel_multi_index(tuple(grid.clamped_index(points).T), grid.shape)
     occupied, voxel_of_point, counts = np.unique(flat, return_inverse=True, return_counts=True)
