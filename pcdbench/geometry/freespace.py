@@ -1,0 +1,166 @@
+"""Free space: where a person can stand and walk in a scene, and smooth paths through it.
+
+A grid seen from above. A cell is occupied where anything lies between ankle and head height, free where a body fits
+around it, the floor was seen, and one can walk there from the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from skimage.graph import MCP_Geometric
+
+from pcdbench.errors import Skipped
+
+CELL_M = 0.05
+BODY_RADIUS_M = 0.25
+ANKLE_M, HEAD_M = 0.1, 1.8
+FLOOR_REACH_M = 0.4
+
+
+@dataclass(frozen=True, eq=False)
+class FreeSpace:
+    """The free cells of a scene.
+
+    Attributes:
+        corner: (2,) metres, x and y of the grid's lower corner.
+        free: (X, Y) mask of cells of 5 cm where a body of radius 0.25 m can stand.
+        clearance_m: (X, Y) horizontal distance from a cell's centre to what is occupied.
+        floor_m: height of the floor.
+    """
+
+    corner: NDArray[np.float64]
+    free: NDArray[np.bool_]
+    clearance_m: NDArray[np.float64]
+    floor_m: float
+
+    @cached_property
+    def centers(self) -> NDArray[np.float64]:
+        """(F, 2) metres: the centres of the free cells."""
+        return self.corner + (np.argwhere(self.free) + 0.5) * CELL_M
+
+    def nearest(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(2,) the centre of the free cell nearest to `xy`."""
+        return self.centers[np.argmin(np.linalg.norm(self.centers - xy, axis=1))]
+
+    def clearance_at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) clearance of the cells that (N, 2) positions fall into; 0 outside the grid."""
+        cells = np.floor((xy - self.corner) / CELL_M).astype(np.int64)
+        inside = ((cells >= 0) & (cells < self.free.shape)).all(axis=1)
+        result = np.zeros(len(xy))
+        result[inside] = self.clearance_m[tuple(cells[inside].T)]
+        return result
+
+    def walk(self, length_m: float, step_m: float, rng: np.random.Generator) -> NDArray[np.float64]:
+        """(N, 2) positions, `step_m` apart along a smooth walk of at least `length_m` between random free cells.
+
+        Each leg goes to a random free cell at least a metre off (or the farthest there is) by the way of least
+        cost, which keeps to the middle of the free space; corners are rounded where the room allows it.
+        """
+        cost = np.where(self.free, 1.0 + 0.1 / np.maximum(self.clearance_m - BODY_RADIUS_M + CELL_M, CELL_M), np.inf)
+        cells = np.argwhere(self.free)
+        here = cells[rng.integers(len(cells))]
+        way, length = [here[None]], 0.0
+        while length < length_m:
+            far = cells[np.linalg.norm(cells - here, axis=1) * CELL_M >= 1.0]
+            target = far[rng.integers(len(far))] if len(far) else cells[_farthest(cells, here)]
+            if (target == here).all():
+                raise Skipped("the free space is a single cell; there is nowhere to walk")
+            router = MCP_Geometric(cost, fully_connected=True)
+            router.find_costs([tuple(here)], [tuple(target)])
+            leg = np.array(router.traceback(tuple(target)))[1:]
+            way.append(leg)
+            length += float(np.linalg.norm(np.diff(np.vstack([here, leg]), axis=0), axis=1).sum()) * CELL_M
+            here = target
+        raw = self.corner + (np.concatenate(way) + 0.5) * CELL_M
+        return _resampled(self._smoothed(_resampled(raw, 0.01)), step_m)
+
+    def _smoothed(self, path: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The path (N, 2), 1 cm apart, smoothed as much as the clearance allows."""
+        for width_m in (0.4, 0.2, 0.1):
+            smooth = ndimage.gaussian_filter1d(path, width_m / 0.01, axis=0, mode="nearest")
+            if (self.clearance_at(smooth) >= BODY_RADIUS_M).all():
+                return smooth
+        return path
+
+
+def free_space(obstacles: NDArray[np.float64], seen: NDArray[np.float64]) -> FreeSpace:
+    """The free space of a scene, its largest connected part.
+
+    Args:
+        obstacles: (N, 3) points on every surface, no farther apart than a cell where they are known well.
+        seen: (M, 3) points of the scan: its floor is the only floor one can stand on.
+
+    Raises:
+        Skipped: where there is none.
+    """
+    floor = floor_height(seen)
+    corner = seen[:, :2].min(axis=0) - CELL_M
+    shape = tuple(np.ceil((seen[:, :2].max(axis=0) - corner) / CELL_M).astype(int) + 2)
+    height = obstacles[:, 2] - floor
+    occupied = _cells(obstacles[(height > ANKLE_M) & (height < HEAD_M)], corner, shape)
+    # Half a cell's diagonal: the obstacle may lie anywhere in its cell, and the position in its own.
+    clearance = ndimage.distance_transform_edt(~occupied) * CELL_M - np.sqrt(2) * CELL_M
+    if not occupied.any():
+        clearance = np.full(shape, np.inf)
+    floor_seen = _cells(seen[np.abs(seen[:, 2] - floor) <= ANKLE_M], corner, shape)
+    on_floor = ndimage.distance_transform_edt(~floor_seen) * CELL_M <= FLOOR_REACH_M
+    border = np.zeros(shape, bool)
+    border[1:-1, 1:-1] = True
+    parts, count = ndimage.label((clearance >= BODY_RADIUS_M) & on_floor & border & floor_seen.any())
+    if not count:
+        raise Skipped("there is no free space to stand in: no part of the floor has 0.25 m around it")
+    largest = 1 + int(np.argmax(np.bincount(parts.ravel())[1:]))
+    return FreeSpace(corner, parts == largest, np.maximum(clearance, 0.0), floor)
+
+
+def floor_height(points: NDArray[np.float64]) -> float:
+    """Height (metres) of the fullest 5 cm layer in the lowest third of a scan."""
+    z = points[:, 2]
+    low, high = np.percentile(z, [0.1, 99.9])
+    edges = np.arange(low - 0.05, low + max((high - low) / 3, 0.1) + 0.05, 0.05)
+    counts, _ = np.histogram(z, edges)
+    fullest = int(np.argmax(counts))
+    layer = z[(z >= edges[fullest] - 0.025) & (z < edges[fullest + 1] + 0.025)]
+    return float(np.median(layer))
+
+
+def points_on_triangles(
+    vertices: NDArray[np.float64], triangles: NDArray[np.int64], spacing_m: float = 0.8 * CELL_M
+) -> NDArray[np.float64]:
+    """(N, 3) a lattice of points on every triangle, its corners included, no wider than `spacing_m`."""
+    corners = vertices[triangles]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    # Powers of two: a handful of lattices serve all triangles.
+    parts = 2 ** np.ceil(np.log2(np.maximum(edges / spacing_m, 1.0))).astype(int)
+    found = []
+    for count in np.unique(parts):
+        first, second = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+        inside = first + second <= count
+        weights = np.stack([first[inside], second[inside], count - first[inside] - second[inside]], axis=1) / count
+        found.append(np.einsum("wc,tcd->twd", weights, corners[parts == count]).reshape(-1, 3))
+    return np.concatenate(found) if found else np.empty((0, 3))
+
+
+def _cells(points: NDArray[np.float64], corner: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask (X, Y) of the cells with points in them."""
+    cells = np.floor((points[:, :2] - corner) / CELL_M).astype(np.int64)
+    cells = cells[((cells >= 0) & (cells < shape)).all(axis=1)]
+    mask = np.zeros(shape, bool)
+    mask[tuple(cells.T)] = True
+    return mask
+
+
+def _farthest(cells: NDArray[np.int64], here: NDArray[np.int64]) -> int:
+    return int(np.argmax(np.linalg.norm(cells - here, axis=1)))
+
+
+def _resampled(path: NDArray[np.float64], step_m: float) -> NDArray[np.float64]:
+    """The polyline (N, 2) as points `step_m` apart along it, from its start."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    at = np.arange(0.0, lengths[-1] + 1e-9, step_m)
+    return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(2)], axis=1)
