@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,18 @@ def box(size: ArrayLike, center: ArrayLike, material: str, tint: int = 0) -> Mes
     """A cuboid of `size` (x, y, z) around `center`."""
     corners = _BOX_CORNERS * np.asarray(size, np.float64) + np.asarray(center, np.float64)
     return Mesh.of(corners, _BOX_TRIANGLES, material, tint)
+
+
+def boxes(sizes: ArrayLike, centers: ArrayLike, material: str, tints: ArrayLike = 0) -> Mesh:
+    """Many cuboids of one material: `sizes` (B, 3) or (3,) around `centers` (B, 3), each with its own of `tints`."""
+    middles = np.asarray(centers, np.float64).reshape(-1, 3)
+    count = len(middles)
+    extents = np.broadcast_to(np.asarray(sizes, np.float64), (count, 3))
+    corners = _BOX_CORNERS[None] * extents[:, None] + middles[:, None]
+    triangles = _BOX_TRIANGLES[None] + 8 * np.arange(count)[:, None, None]
+    mesh = Mesh.of(corners.reshape(-1, 3), triangles.reshape(-1, 3), material, 0)
+    each = np.broadcast_to(np.asarray(tints, np.int64), (count,))
+    return replace(mesh, tints=each[mesh.triangles[:, 0] // 8])
 
 
 def surface(grid: ArrayLike, material: str, tint: int = 0, closed: bool = False) -> Mesh:

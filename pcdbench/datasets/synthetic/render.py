@@ -46,7 +46,7 @@ def render_view(
     points = rays[seen, :3] + rays[seen, 3:] * distance[seen, None]
     normals = mesh.triangle_normals()[triangle]
     normals = np.where(np.sum(normals * rays[seen, 3:], axis=1, keepdims=True) > 0, -normals, normals)
-    picture = np.tile(np.float32(_BACKGROUND), (width * height, 1))
+    picture = np.tile(np.array(_BACKGROUND, np.float32), (width * height, 1))
     albedo = colors(points, normals, mesh.materials[triangle], mesh.tints[triangle])
     glow = np.array([material.glow for material in MATERIALS])[mesh.materials[triangle]]
     picture[seen] = albedo * np.maximum(_shade(normals), glow)[:, None]
