@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from pcdbench.scene import Scene
@@ -49,15 +50,29 @@ def test_it_is_found_beside_our_own(python: Path) -> None:
 def test_it_runs_on_a_folder_of_scans(python: Path, room: Scene, tmp_path: Path) -> None:
     scans, out = tmp_path / "scans", tmp_path / "run"
     scans.mkdir()
-    room.dense.select(slice(0, 3000)).write(scans / "room.ply")  # type: ignore[arg-type]
-    command = [python, "-m", "pcdbench", "run", "--dataset", f"clouds:{scans}", "--completer", "midpoints"]
-    command += ["--task", "coverage", "--level", "0.3", "--option", "midpoints.neighbors=4", "--out", out]
-    run(command)
+    room.dense.select(np.arange(3000)).write(scans / "room.ply")
+    arguments = "--completer midpoints --task coverage --level 0.3"
+    options = "--option midpoints.neighbors=4 --option coverage.reach_m=0.2"
+    run(
+        [
+            python,
+            "-m",
+            "pcdbench",
+            "run",
+            "--dataset",
+            f"clouds:{scans}",
+            "--out",
+            out,
+            *f"{arguments} {options}".split(),
+        ]
+    )
     rows = [json.loads(line) for line in next(out.rglob("*.jsonl")).read_text().splitlines()]
     (mine,) = (row for row in rows if row["completer"]["name"] == "midpoints")
     (floor,) = (row for row in rows if row["completer"]["name"] == "incomplete")
     assert mine["status"] == floor["status"] == "ok"
-    assert mine["completer"]["options"] == {"neighbors": 4, "gap": 1.5}
+    assert mine["completer"]["options"] == {"neighbors": 4, "gap": 2.0}
+    covered = [row["metrics"]["covered"]["samples"][0] for row in (mine, floor)]
+    assert 1.0 > covered[0] > covered[1] > 0.7
 
 
 def test_its_own_tests_pass_there(python: Path, source: Path) -> None:

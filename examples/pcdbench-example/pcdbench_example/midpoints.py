@@ -17,7 +17,7 @@ class Midpoints(Completer):
         """Which pairs get a midpoint."""
 
         neighbors: int = Field(8, ge=1, description="neighbours of each point that are looked at")
-        gap: float = Field(1.5, gt=0, description="pairs farther apart than this many usual distances are joined")
+        gap: float = Field(2.0, gt=0, description="pairs farther apart than this many usual distances are joined")
 
     options: Options
     version = "1"
