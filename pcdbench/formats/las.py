@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from pcdbench.formats.columns import Columns, require_bytes, unit_colors
 
 _SCALE_M = 1e-4
 _POINTS_A_PIECE = 1_000_000
+_HEADER_BYTES = 227
+_RECORD_HEADER_BYTES = 54
 
 
 def read(path: Path) -> Columns:
@@ -20,10 +23,22 @@ def read(path: Path) -> Columns:
     Colours that are all zero are none: point formats reserve the fields, and many programs leave them empty.
     Read in pieces, so that memory grows with what is there and not with what the header promises.
     """
+    _require_sound_header(path)
+    try:
+        return _columns(path)
+    except BaseException as error:
+        # lazrs panics on damaged data, and a panic is no Exception.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise CloudError(f"{path}: its compressed points are damaged; copy or export it again") from error
+
+
+def _columns(path: Path) -> Columns:
     import laspy
 
     points, colors = [], []
-    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs) as reader:
+    # What may follow the points (extended records) is not needed, and its number cannot be trusted.
+    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
         header = reader.header
         if not header.are_points_compressed:
             size = header.point_count * header.point_format.size
@@ -60,3 +75,35 @@ def write(cloud: PointCloud, path: Path) -> None:
         las.red, las.green, las.blue = np.rint(cloud.colors * np.float64(65535)).astype(np.uint16).T
     with path.open("wb") as stream:
         las.write(stream, do_compress=path.suffix.lower() == ".laz", laz_backend=laspy.LazBackend.Lazrs)
+
+
+def _require_sound_header(path: Path) -> None:
+    """Refuse headers (LAS 1.4, 2.4) on which laspy loops for hours and lazrs asks for more memory than there is.
+
+    Raises:
+        CloudError: for counts and offsets that do not fit the file's size.
+    """
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        header = stream.read(_HEADER_BYTES)
+        if len(header) < _HEADER_BYTES or header[:4] != b"LASF":
+            raise CloudError(f"{path} is not a LAS or LAZ file, or cut off; check its extension or copy it again")
+        header_size, points_at, records = struct.unpack_from("<HII", header, 94)
+        point_format, point_size = struct.unpack_from("<BH", header, 104)
+        sound = header_size + _RECORD_HEADER_BYTES * records <= points_at <= size and point_size > 0
+        is_compressed = bool(point_format & 0xC0)
+        if sound and is_compressed and points_at + 8 <= size:
+            # In front of the points stands where the table of chunks is; or that its place ends the file.
+            stream.seek(points_at)
+            (table_at,) = struct.unpack("<q", stream.read(8))
+            if table_at == -1:
+                stream.seek(size - 8)
+                (table_at,) = struct.unpack("<q", stream.read(8))
+            sound = points_at + 8 <= table_at <= size - 8
+            if sound:
+                stream.seek(table_at)
+                _, chunks = struct.unpack("<II", stream.read(8))
+                # Each chunk begins with a whole point.
+                sound = chunks * point_size <= size
+    if not sound:
+        raise CloudError(f"{path} is cut off or damaged: its header does not fit its size; copy or export it again")

@@ -50,6 +50,14 @@ def read(path: Path) -> Columns:
     return Columns(points, unit_colors(colors, path))
 
 
+def holds_points(path: Path) -> bool:
+    """Whether the first rows of a text file look like points; notes and tables do not."""
+    try:
+        return _layout(path).columns >= 3
+    except (CloudError, OSError):
+        return False
+
+
 def write(cloud: PointCloud, path: Path) -> None:
     """Write x y z with 0.01 mm and 8-bit colours; CSV with commas and a header line, all others with blanks."""
     is_csv = path.suffix.lower() == ".csv"
