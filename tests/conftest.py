@@ -6,7 +6,7 @@ import os
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ import pytest
 
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
+from pcdbench.plugins import registry
 from pcdbench.scene import Scene
 from pcdbench.testing import half_missing, small_room
 
@@ -84,3 +85,14 @@ def cloud() -> PointCloud:
     """A hundred coloured points in a cube of 1 m."""
     rng = np.random.default_rng(0)
     return PointCloud(rng.random((100, 3)), rng.random((100, 3)))
+
+
+@pytest.fixture
+def tiny_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The plugins of tests/tiny, installed for this test, its worker processes and the commands it runs."""
+    folder = ROOT / "tests" / "tiny"
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    registry.cache_clear()
+    yield folder
+    registry.cache_clear()

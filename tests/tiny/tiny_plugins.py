@@ -5,9 +5,9 @@ from __future__ import annotations
 import ctypes
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,6 +16,10 @@ from scipy.spatial import cKDTree
 import pcdbench
 from pcdbench import Case, Completer, Dataset, Incompleteness, Measurements, Metric, PointCloud, Scene, Task
 from pcdbench.plugins import Register, hookimpl
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
 
 
 @hookimpl
@@ -156,6 +160,15 @@ class Gap(Task):
             labels={"drawn": ["a", "b", "c"]},
             trace={"count": np.int64(len(completed)), "path": np.zeros((2, 3))},
         )
+
+    def figures(self, rows: pd.DataFrame) -> Mapping[str, Figure]:
+        from matplotlib.figure import Figure
+
+        figure = Figure()
+        axes = figure.subplots()
+        for completer, its in rows.groupby("completer"):
+            axes.plot(its["level"], [samples["gap_m"][0] for samples in its["samples"]], label=completer)
+        return {"by_level": figure}
 
 
 class Color(Task):

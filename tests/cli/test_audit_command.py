@@ -1,0 +1,40 @@
+"""`pcdbench audit`: a task that measures passes, a blind one fails and is named."""
+
+import json
+
+from typer.testing import CliRunner
+
+from pcdbench.cli import app
+
+TINY = ["--dataset", "tiny", "--incompleteness", "slab", "--jobs", "1", "--option", "tiny.scenes=12"]
+
+
+def audit(tmp_path, *arguments):
+    return CliRunner().invoke(app, ["audit", *TINY, "--out", str(tmp_path / "run"), *arguments])
+
+
+def test_a_task_that_measures_passes(tmp_path, tiny_plugins):
+    ended = audit(tmp_path, "tiny_gap", "--option", "tiny.points=700", "--level", "0.3,0.5,0.7")
+    assert ended.exit_code == 0, ended.stdout + ended.stderr
+    assert ended.stdout.count("holds") == 5 and "does not hold" not in ended.stdout
+    assert "12 scenes" in ended.stdout
+
+
+def test_a_blind_task_fails_and_the_comparisons_are_named(tmp_path, tiny_plugins):
+    ended = audit(tmp_path, "tiny_blind,tiny_gap", "--level", "0.3,0.5", "--format", "json")
+    assert ended.exit_code == 1
+    blind, gap = json.loads(ended.stdout)["audits"]
+    assert not blind["passed"] and gap["passed"]
+    assert [check["name"] for check in blind["checks"] if not check["holds"]] == [
+        "resample < incomplete 30%",
+        "incomplete 30% < 50%",
+        "resample | incomplete 50%",
+    ]
+    assert "tiny_blind (slab): incomplete 30% < 50%" in ended.stderr and "tiny_gap" not in ended.stderr
+
+
+def test_without_a_second_sample_the_truth_is_the_ceiling(tmp_path, tiny_plugins):
+    ended = audit(tmp_path, "tiny_gap", "--option", "tiny.dense=500")
+    assert ended.exit_code == 0, ended.stdout + ended.stderr
+    assert "No second sample of these scenes exists: the ceiling is the truth itself." in ended.stdout
+    assert "skipped: resample on tiny_gap: the dense cloud of" in ended.stdout

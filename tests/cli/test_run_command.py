@@ -1,0 +1,152 @@
+"""`pcdbench run` and `pcdbench results` as a user runs them: killed, interrupted, resumed, misused."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pcdbench.cli import app
+from pcdbench.runner.rows import CIRCUMSTANCES
+
+COMMAND = [sys.executable, "-c", "from pcdbench.cli import main; main()"]
+TINY = ["--dataset", "tiny", "--incompleteness", "slab", "--jobs", "1"]
+SLOW = ["run", "--completer", "tiny_fill", "--task", "tiny_gap", *TINY, "--option", "tiny_fill.seconds=0.4"]
+
+
+@pytest.fixture
+def run(tmp_path, tiny_plugins, monkeypatch):
+    """A function that runs a command in an empty folder with a cache of its own."""
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments, code=0):
+        monkeypatch.setattr(sys, "argv", ["pcdbench", *arguments])
+        ended = CliRunner().invoke(app, arguments)
+        assert ended.exit_code == code, (ended.stderr, ended.exception)
+        return ended
+
+    return command
+
+
+def outcome(folder: Path) -> dict:
+    rows = [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
+    assert len({row["key"] for row in rows}) == len(rows), "no cell ran twice"
+    return {row["key"]: {name: value for name, value in row.items() if name not in CIRCUMSTANCES} for row in rows}
+
+
+def started(folder: Path, tmp_path: Path, rows: int) -> subprocess.Popen:
+    """A slow run in mid-course: it has added as many rows, and more are to come."""
+    path = folder / "rows.jsonl"
+    wanted = rows + (path.read_bytes().count(b"\n") if path.exists() else 0)
+    process = subprocess.Popen([*COMMAND, *SLOW, "--out", str(folder)], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and process.poll() is None:
+        if path.exists() and path.read_bytes().count(b"\n") >= wanted:
+            return process
+        time.sleep(0.02)
+    process.kill()
+    pytest.fail(f"the run did not get under way: {process.stderr.read()}")
+
+
+def test_killed_and_interrupted_runs_are_taken_up_and_give_the_same_rows(run, tmp_path):
+    folder, whole = tmp_path / "killed", tmp_path / "whole"
+    killed = started(folder, tmp_path, rows=3)
+    second = run(*SLOW, "--out", str(folder), code=2)
+    assert second.stderr.startswith(f"pcdbench: {folder} is in use by another pcdbench; ")
+    os.kill(killed.pid, signal.SIGKILL)
+    killed.wait()
+    with (folder / "rows.jsonl").open("ab") as stream:
+        stream.write(b'{"schema_version": 1, "key": "to')
+
+    interrupted = started(folder, tmp_path, rows=4)
+    before = time.monotonic()
+    os.kill(interrupted.pid, signal.SIGINT)
+    _, errors = interrupted.communicate(timeout=30)
+    assert time.monotonic() - before < 10
+    assert interrupted.returncode == 130 and "Traceback" not in errors
+    assert "the same command goes on from there" in errors
+    rows = outcome(folder)
+    assert 7 <= len(rows) < 36
+
+    run(*SLOW, "--out", str(folder))
+    shutil.rmtree(tmp_path / "cache")
+    run(*SLOW, "--out", str(whole))
+    assert len(outcome(whole)) == 36
+    assert outcome(folder) == outcome(whole)
+
+
+def test_the_same_command_finds_its_folder_and_does_only_what_is_missing(run, tmp_path):
+    arguments = ["run", "--completer", "tiny_fill", "--task", "tiny_gap,tiny_color", *TINY]
+    first = run(*arguments)
+    (folder,) = (tmp_path / "runs").iterdir()
+    assert f"rows: runs/{folder.name}/rows.jsonl" in first.stderr
+    assert (folder / "case_box0_0.3.png").stat().st_size > 5000
+    assert f"one case side by side: runs/{folder.name}/case_box0_0.3.png" in first.stderr
+    rows = (folder / "rows.jsonl").read_bytes()
+    again = run(*arguments)
+    assert (folder / "rows.jsonl").read_bytes() == rows
+    assert again.stdout == first.stdout
+    assert run("results", str(folder)).stdout == first.stdout
+
+    provenance = json.loads((folder / "run.json").read_text())
+    assert provenance["configuration"]["completers"][-1]["options"] == {"points": 500, "seconds": 0.0}
+    assert {"numpy", "pcdbench", "tiny-plugins"} <= provenance["packages"].keys()
+    assert provenance["machine"]["cores"] >= 1 and "--completer tiny_fill" in provenance["command"]
+
+
+def test_failures_are_counted_and_shown_in_every_format(run, tmp_path):
+    arguments = ["--completer", "tiny_faulty,tiny_fill", "--task", "tiny_gap", "--option", "tiny_faulty.level=0.4"]
+    ended = run("run", *arguments, *TINY, "--figures", "--out", "run", "--format", "json", code=3)
+    assert "3 rows failed; the same command tries them again" in ended.stderr
+    reason = "3 failed: tiny_faulty on tiny_gap: ZeroDivisionError: no plane has been found"
+    content = json.loads(ended.stdout)
+    lines = content["summary"]
+    assert content["reasons"] == [reason]
+    assert len(lines) == 5 * 3 * 2 - 1, "the level at which nothing was measured has one line, without a metric"
+    for line in lines:
+        faulty = (line["completer"], line["level"]) == ("tiny_faulty", 0.5)
+        assert (line["cases"], line["failed"]) == ((0, 3) if faulty else (3, 0))
+        assert line["median"] is None if faulty else line["median_low"] <= line["median"] <= line["median_high"]
+
+    table = list(csv.DictReader(run("results", "run", "--format", "csv").stdout.splitlines()))
+    assert [(line["completer"], line["metric"]) for line in lines] == [
+        (its["completer"], its["metric"]) for its in table
+    ]
+    page = run("results", "run", "--format", "markdown").stdout
+    assert "### tiny_gap · gap_m (m; lower is better) · slab" in page and f"- {reason}" in page
+    assert sum("**" in line for line in page.splitlines()) == 3
+    shown = run("results", "run").stdout
+    assert "0 (3 failed)" in shown and reason in shown
+
+    assert "figures: 1 in run/figures" in ended.stderr
+    assert (tmp_path / "run" / "figures" / "tiny_gap_by_level.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--option", "tiny_fill.point=3"], "tiny_fill has no option 'point'; did you mean points?"),
+        (["--option", "tiny_fill.points=x"], "--option tiny_fill.points=x: input should be a valid integer"),
+        (["--option", "ssim.x=1"], "'ssim' is not in this run"),
+        (["--level", "a"], "--level 'a' must be numbers between 0 and 1"),
+        (["--level", "30"], "--level 30 must lie between 0 and 1"),
+        (["--jobs", "0"], "--jobs 0 must be at least 1"),
+        (["--split", "none"], "split 'none' of data set 'tiny' has no scenes"),
+    ],
+)
+def test_misuse_is_one_line_and_exit_code_2(run, arguments, message):
+    ended = run("run", "--completer", "tiny_fill", "--task", "tiny_gap", *TINY, *arguments, code=2)
+    assert message in ended.stderr
+    assert sum(line.startswith("pcdbench: ") for line in ended.stderr.splitlines()) == 1
+
+
+def test_results_of_what_is_no_run(run, tmp_path):
+    assert "is not a run" in run("results", str(tmp_path), code=2).stderr

@@ -1,0 +1,107 @@
+"""The cells of a run, their seeds and their keys."""
+
+from dataclasses import replace
+
+import pytest
+
+from pcdbench.errors import PcdbenchError, PluginError
+from pcdbench.runner.plan import Request, plan
+
+pytestmark = pytest.mark.usefixtures("tiny_plugins")
+TINY = Request(["tiny_fill"], ["tiny_gap"], dataset="tiny", incompletenesses=["slab"])
+
+
+def test_references_are_added_and_cells_counted():
+    planned = plan(TINY)
+    assert [its.name for its in planned.completers] == ["ground_truth", "incomplete", "resample", "tiny_fill"]
+    assert [its.reference for its in planned.completers] == [True, True, True, False]
+    assert len(planned.cells) == 3 * 3 * 4
+    assert len({cell.key for cell in planned.cells}) == 3 * 3 * 4
+
+
+def test_seed_of_a_case_is_that_of_its_draw():
+    cells = plan(replace(TINY, incompletenesses=["slab", "holes"])).cells
+    seeds = {
+        (cell.scene, cell.incompleteness.name): {c.seed for c in cells if _draw(c) == _draw(cell)} for cell in cells
+    }
+    assert all(len(found) == 1 for found in seeds.values())
+    assert len({seed for found in seeds.values() for seed in found}) == 3 * 2
+
+
+def _draw(cell):
+    return cell.scene, cell.incompleteness.name, cell.draw
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seed": 1},
+        {"levels": [0.2]},
+        {"options": ["tiny_fill.points=3"]},
+        {"options": ["tiny.points=200"]},
+        {"incompletenesses": ["holes"]},
+    ],
+)
+def test_what_decides_an_outcome_is_in_the_key(change):
+    request = replace(TINY, completers=["tiny_fill"], levels=[0.1], references=False)
+    before = {cell.key for cell in plan(request).cells}
+    after = {cell.key for cell in plan(replace(request, **change)).cells}
+    assert len(after) == len(before) and not before & after
+
+
+def test_weights_version_and_scene_are_in_the_key():
+    cell = plan(TINY).cells[-1]
+    assert replace(cell, completer=replace(cell.completer, weights="abc")).key != cell.key
+    assert replace(cell, completer=replace(cell.completer, version="2")).key != cell.key
+    assert replace(cell, scene_digest="another").key != cell.key
+
+
+def test_keys_do_not_depend_on_what_else_is_in_the_run():
+    alone = {cell.key for cell in plan(replace(TINY, references=False, levels=[0.3])).cells}
+    assert alone < {cell.key for cell in plan(replace(TINY, completers=["all"])).cells}
+
+
+def test_row_key_follows_the_task_and_its_options():
+    request = replace(TINY, tasks=["tiny_gap", "tiny_wrong"])
+    cell, (gap, wrong) = plan(request).cells[0], plan(request).tasks
+    other = plan(replace(request, options=["tiny_wrong.how=text"])).tasks[1]
+    assert len({cell.row_key(task) for task in (gap, wrong, other)}) == 3
+
+
+def test_folder_is_the_same_for_the_same_command_only():
+    assert plan(TINY).folder_name == plan(TINY).folder_name
+    assert plan(TINY).folder_name.startswith("tiny-few-")
+    assert plan(replace(TINY, seed=1)).folder_name != plan(TINY).folder_name
+
+
+def test_all_leaves_out_what_cannot_be_loaded_with_its_reason():
+    planned = plan(replace(TINY, completers=["all"]))
+    assert "No module named" in planned.left_out["tiny_missing"]
+    assert "tiny_fill" in {its.name for its in planned.completers}
+
+
+def test_asked_for_by_name_it_is_an_error():
+    with pytest.raises(PluginError, match="tiny_missing"):
+        plan(replace(TINY, completers=["tiny_fill", "tiny_missing"]))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"completers": ["tiny_fil"]}, "did you mean tiny_fill"),
+        ({"tasks": ["chamfr"]}, "did you mean chamfer"),
+        ({"dataset": "tin"}, "did you mean tiny"),
+        ({"incompletenesses": ["hole"]}, "did you mean holes"),
+        ({"split": "fwe"}, "no split 'fwe'; did you mean few"),
+        ({"split": "none"}, "has no scenes"),
+        ({"levels": [0.1, 1.0]}, "--level 1 must lie between 0 and 1"),
+        ({"levels": [float("nan")]}, "--level nan must lie"),
+        ({"levels": []}, "no --level"),
+        ({"tasks": []}, "no task is named"),
+        ({"options": ["tiny_color.x=1"]}, "'tiny_color' is not in this run"),
+    ],
+)
+def test_what_is_wrong_is_said_in_one_line(change, message):
+    with pytest.raises(PcdbenchError, match=message) as caught:
+        plan(replace(TINY, **change))
+    assert "\n" not in str(caught.value)

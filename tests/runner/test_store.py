@@ -1,0 +1,100 @@
+"""A run's folder: rows outlive crashes, and one run at a time writes to it."""
+
+import json
+
+import pytest
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.runner.store import RunStore, read_rows, read_run
+
+CONFIGURATION = {"levels": [0.1], "completers": [{"name": "a", "version": "1", "code": "x"}]}
+
+
+def row(key: str, status: str = "ok", value: int = 0) -> dict:
+    return {"key": key, "status": status, "value": value}
+
+
+def test_rows_and_run_come_back(tmp_path):
+    with RunStore(tmp_path / "run", CONFIGURATION, {"command": "pcdbench run"}) as store:
+        store.append([row("a"), row("b", "skipped")])
+        store.append([row("c", "failed")])
+        assert store.finished_keys() == {"a", "b"}
+    assert [found["key"] for found in read_rows(tmp_path / "run")] == ["a", "b", "c"]
+    assert read_run(tmp_path / "run")["configuration"] == CONFIGURATION
+
+
+def test_the_newest_row_of_a_key_counts_and_older_ones_stay_in_the_file(tmp_path):
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("a", "failed", 1), row("b")])
+        store.append([row("a", "ok", 2)])
+    assert read_rows(tmp_path) == [row("a", "ok", 2), row("b")]
+    assert len((tmp_path / "rows.jsonl").read_text().splitlines()) == 3
+
+
+@pytest.mark.parametrize("torn", [b'{"key": "c", "sta', b'{"key": "c", "status": "ok"}', b"\x00" * 70000])
+def test_a_torn_last_line_is_left_out_and_healed(tmp_path, torn):
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("a"), row("b")])
+    with (tmp_path / "rows.jsonl").open("ab") as stream:
+        stream.write(torn)
+    assert [found["key"] for found in read_rows(tmp_path)] == ["a", "b"]
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("d")])
+    assert [json.loads(line)["key"] for line in (tmp_path / "rows.jsonl").read_text().splitlines()] == ["a", "b", "d"]
+
+
+def test_a_file_that_is_one_torn_line_is_healed_to_nothing(tmp_path):
+    with RunStore(tmp_path, CONFIGURATION, {}):
+        pass
+    (tmp_path / "rows.jsonl").write_bytes(b'{"key"')
+    with RunStore(tmp_path, CONFIGURATION, {}):
+        assert (tmp_path / "rows.jsonl").read_bytes() == b""
+
+
+def test_a_damaged_line_is_named(tmp_path):
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("a")])
+    with (tmp_path / "rows.jsonl").open("ab") as stream:
+        stream.write(b"nonsense\n" + json.dumps(row("b")).encode() + b"\n")
+    with pytest.raises(PcdbenchError, match=r"rows\.jsonl, line 2, is damaged"):
+        read_rows(tmp_path)
+
+
+def test_a_second_run_is_refused_while_the_first_lasts(tmp_path):
+    second = RunStore(tmp_path, CONFIGURATION, {})
+    with RunStore(tmp_path, CONFIGURATION, {}), pytest.raises(PcdbenchError, match="is in use by another"), second:
+        pass
+    with RunStore(tmp_path, CONFIGURATION, {}):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("change", "difference"),
+    [
+        ({"levels": [0.1, 0.3]}, r"levels: \[0.1\], not \[0.1, 0.3\]"),
+        ({"completers": [{"name": "b", "version": "1", "code": "x"}]}, "completers.a: a, not none"),
+        ({"completers": [{"name": "a", "version": "2", "code": "x"}]}, r'completers\.a\.version: "1", not "2"'),
+        ({"completers": [{"name": "a", "version": "1", "code": "y"}]}, "the code of a has changed"),
+    ],
+)
+def test_another_run_is_not_mixed_in_and_the_difference_is_named(tmp_path, change, difference):
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("a")])
+    with pytest.raises(PcdbenchError, match=difference), RunStore(tmp_path, CONFIGURATION | change, {}):
+        pass
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        assert store.finished_keys() == {"a"}
+
+
+def test_what_is_no_run_is_said(tmp_path):
+    with pytest.raises(PcdbenchError, match="is not a run"):
+        read_run(tmp_path)
+    (tmp_path / "run.json").write_text('{"schema_version": 99}')
+    with pytest.raises(PcdbenchError, match="newer pcdbench"):
+        read_run(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PcdbenchError, match="cannot be written"), RunStore(tmp_path / "file" / "run", {}, {}):
+        pass
