@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pcdbench.datasets.synthetic.mesh import Mesh
 from pcdbench.datasets.synthetic.plan import INNER_WALL_M, OUTER_WALL_M, Floats, Opening, Plan, Room, contains
-from pcdbench.datasets.synthetic.primitives import box, cylinder, panel_with_openings, prism, tube
+from pcdbench.datasets.synthetic.primitives import box, cylinder, ellipsoid, panel_with_openings, prism, surface, tube
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,11 +28,7 @@ class Light:
 
 @dataclass(frozen=True, eq=False)
 class Building:
-    """The building's mesh and what follows from it.
-
-    Attributes:
-        columns: (x, y, half width) of free-standing columns.
-    """
+    """The building's mesh and its lamps and windows."""
 
     mesh: Mesh
     lights: tuple[Light, ...]
@@ -116,7 +111,9 @@ def _filling(plan: Plan, opening: Opening, rng: np.random.Generator) -> list[Mes
     parts: list[Mesh] = []
     if opening.kind in ("door", "passage"):
         parts.append(
-            box((width, INNER_WALL_M + 0.004, 0.1), (width / 2, -INNER_WALL_M / 2, -0.05 + 0.002), "stone_counter", tint)
+            box(
+                (width, INNER_WALL_M + 0.004, 0.1), (width / 2, -INNER_WALL_M / 2, -0.05 + 0.002), "brushed_steel", tint
+            )
         )
     if opening.kind == "door":
         parts += _door(opening, width, tall, tint, rng)
@@ -165,7 +162,7 @@ def _window(width: float, tall: float, tint: int, rng: np.random.Generator) -> l
     if tall > 1.4 and rng.uniform() < 0.5:
         parts.append(box((width - 2 * bar, bar, bar), (width / 2, y, tall * 0.7), frame, tint))
     parts.append(box((width - bar, 0.012, tall - bar), (width / 2, y, tall / 2), "glass", tint))
-    parts.append(box((width + 0.06, 0.24, 0.03), (width / 2, -0.08, 0.015), "stone_counter", tint))
+    parts.append(box((width + 0.06, 0.24, 0.03), (width / 2, -0.08, 0.015), "white_plastic", tint))
     drawn = float(rng.choice([0.0, 0.0, 0.25, 0.5, 1.0]))
     if drawn:
         length = tall * drawn
@@ -239,8 +236,6 @@ def _lamp(style: str, tint: int, height: float) -> tuple[Mesh, float]:
         cone = [(0.03, -drop + 0.22), (0.07, -drop + 0.2), (0.2, -drop)]
         angle = 2 * np.pi * np.arange(16) / 16
         rings = [[(r * np.cos(a), r * np.sin(a), z) for a in angle] for r, z in cone[::-1]]
-        from pcdbench.datasets.synthetic.primitives import ellipsoid, surface
-
         return Mesh.merge(
             [
                 tube([(0, 0, 0), (0, 0, -drop + 0.2)], 0.008, "black_metal", tint, 6),
@@ -257,22 +252,11 @@ def _lamp(style: str, tint: int, height: float) -> tuple[Mesh, float]:
 
 
 def _services(plan: Plan, room: Room, rng: np.random.Generator) -> list[Mesh]:
-    """Radiators under windows, beams, soffits, ducts, pipes, cable trays, sprinklers, curtains."""
+    """Beams, soffits, ducts, pipes, cable trays."""
     parts: list[Mesh] = []
     low, high = room.outline.min(axis=0), room.outline.max(axis=0)
     long_x = bool((high - low)[0] >= (high - low)[1])
     tint = int(rng.integers(0, 2**31))
-    curtains = rng.uniform() < 0.35
-    for start, end in room.edges():
-        length, _, yaw = wall_frame(start, end)
-        for first, last, hole in plan.openings_of(start, end):
-            if hole.kind != "window":
-                continue
-            if curtains and hole.z0 < 1.2:
-                for x in (first - 0.12, last + 0.12):
-                    parts.append(_curtain(min(max(x, 0.2), length - 0.2), hole.z1 + 0.1, tint, rng).moved((*start, 0.0), yaw))
-            if hole.z0 > 0.7 and rng.uniform() < 0.75:
-                parts.append(_radiator((first + last) / 2, min(last - first, 1.4), tint).moved((*start, 0.0), yaw))
     across = int(not long_x)
     if room.ceiling == "open" or rng.uniform() < 0.25:
         count = max(1, int((high - low)[1 - across] // 3.2))
@@ -282,7 +266,11 @@ def _services(plan: Plan, room: Room, rng: np.random.Generator) -> list[Mesh]:
     if room.ceiling == "open":
         side = low[across] + float(rng.uniform(0.5, 0.9))
         z = room.height - 0.62
-        for radius, offset, material in ((0.16, 0.0, "galvanized"), (0.03, 0.35, "colored_metal"), (0.03, 0.45, "painted_metal")):
+        for radius, offset, material in (
+            (0.16, 0.0, "galvanized"),
+            (0.03, 0.35, "colored_metal"),
+            (0.03, 0.45, "painted_metal"),
+        ):
             for a, b in _inside(room, across, side + offset):
                 ends = np.zeros((2, 3))
                 ends[:, across], ends[:, 2] = side + offset, z + (0.0 if radius > 0.1 else 0.1)
@@ -327,28 +315,6 @@ def _spanning(
     return found
 
 
-def _radiator(x: float, width: float, tint: int) -> Mesh:
-    """Ribs between two rails, on the wall y = 0."""
-    count = max(4, int(width / 0.08))
-    ribs = [
-        box((0.05, 0.09, 0.52), (x + (k - (count - 1) / 2) * 0.075, 0.09, 0.38), "radiator", tint) for k in range(count)
-    ]
-    rails = [box((count * 0.075, 0.05, 0.04), (x, 0.08, z), "radiator", tint) for z in (0.17, 0.59)]
-    pipe = tube([(x + count * 0.0375, 0.08, 0.17), (x + count * 0.0375 + 0.06, 0.08, 0.17), (x + count * 0.0375 + 0.06, 0.08, 0.0)], 0.012, "radiator", tint, 6)
-    return Mesh.merge([*ribs, *rails, pipe])
-
-
-def _curtain(x: float, top: float, tint: int, rng: np.random.Generator) -> Mesh:
-    """A gathered curtain beside a window, hanging from `top` almost to the floor, off the wall y = 0."""
-    from pcdbench.datasets.synthetic.primitives import surface
-
-    half = float(rng.uniform(0.14, 0.26))
-    across = np.linspace(-half, half, 25)
-    fold = 0.035 * np.cos(across * 2 * np.pi / 0.09)
-    rows = [np.stack([x + across * (1.0 + 0.1 * k), 0.12 + fold * (0.7 + 0.15 * k), np.full(25, z)], axis=1) for k, z in enumerate(np.linspace(0.03, top, 4)[::-1])]
-    return surface(rows[::-1], "curtain", tint)
-
-
 def _column(plan: Plan, x: float, y: float, half: float, is_round: bool, rng: np.random.Generator) -> list[Mesh]:
     room = next((room for room in plan.rooms if contains(room.outline, [[x, y]])[0]), None)
     if room is None:
@@ -362,11 +328,3 @@ def _column(plan: Plan, x: float, y: float, half: float, is_round: bool, rng: np
         shaft = box((2 * half, 2 * half, room.height), (x, y, room.height / 2), material, tint)
         foot = box((2 * half + 0.03, 2 * half + 0.03, 0.1), (x, y, 0.05), "baseboard", tint)
     return [shaft, foot]
-
-
-def free_of_columns(plan: Plan, points: Floats, margin: float) -> NDArray[np.bool_]:
-    """(N,) mask of the (N, 2) points further than `margin` from every column's box."""
-    clear = np.ones(len(points), np.bool_)
-    for x, y, half, _ in plan.columns:
-        clear &= np.abs(points - [x, y]).max(axis=1) > half + margin
-    return clear

@@ -134,7 +134,9 @@ def _row(
     return rooms
 
 
-def _doors(rooms: list[Room], hub: int, members: Sequence[int], rng: np.random.Generator, glazed: float) -> list[Opening | None]:
+def _doors(
+    rooms: list[Room], hub: int, members: Sequence[int], rng: np.random.Generator, glazed: float
+) -> list[Opening | None]:
     """A door from each member room to the hub, and sometimes a glazed front beside it."""
     found: list[Opening | None] = []
     for member in members:
@@ -166,7 +168,16 @@ def _corridor(rng: np.random.Generator) -> Plan:
     at, branch = float(length * rng.uniform(0.3, 0.65)), float(rng.uniform(1.8, 2.6))
     w = INNER_WALL_M
     outline = np.array(
-        [[0, 0], [length, 0], [length, width], [at + branch, width], [at + branch, width + up], [at, width + up], [at, width], [0, width]],
+        [
+            [0, 0],
+            [length, 0],
+            [length, width],
+            [at + branch, width],
+            [at + branch, width + up],
+            [at, width + up],
+            [at, width],
+            [0, width],
+        ],
         np.float64,
     )
     rooms = [_room("corridor", outline, rng, height)]
@@ -222,10 +233,14 @@ def _lobby(rng: np.random.Generator) -> Plan:
     outline = _shaped(rectangle(0, 0, length, depth), rng, (0, 1), 1.2)
     w = INNER_WALL_M
     rooms = [_room("lobby", outline, rng, _height(rng, 3.3, 4.2))]
-    rooms += _row(0.0, length, depth + w, float(rng.uniform(3.6, 5.0)), True, ("office", "meeting", "storage", "kitchen"), rng)
+    rooms += _row(
+        0.0, length, depth + w, float(rng.uniform(3.6, 5.0)), True, ("office", "meeting", "storage", "kitchen"), rng
+    )
     behind = len(rooms)
     wide, y0 = float(rng.uniform(2.2, 3.2)), float(depth * rng.uniform(0.45, 0.6))
-    rooms.append(_room("corridor", rectangle(length + w, y0, length + w + float(rng.uniform(6, 9)), y0 + wide), rng, 2.7))
+    rooms.append(
+        _room("corridor", rectangle(length + w, y0, length + w + float(rng.uniform(6, 9)), y0 + wide), rng, 2.7)
+    )
     openings = _doors(rooms, 0, range(1, behind), rng, 0.4)
     openings.append(connect(rooms, behind, 0, "passage", wide - 0.35, rng, 2.45))
     openings += _front(rooms[0], rng)
@@ -254,10 +269,20 @@ def _open_plan(rng: np.random.Generator) -> Plan:
     outline = _shaped(rectangle(0, 0, length, depth), rng, (0, 1), 1.1)
     w = INNER_WALL_M
     rooms = [_room("open_plan", outline, rng, _height(rng, 2.7, 3.4))]
-    rooms += _row(0.0, length, depth + w, float(rng.uniform(3.2, 4.4)), True, ("meeting", "meeting", "kitchen", "office", "storage"), rng)
+    rooms += _row(
+        0.0,
+        length,
+        depth + w,
+        float(rng.uniform(3.2, 4.4)),
+        True,
+        ("meeting", "meeting", "kitchen", "office", "storage"),
+        rng,
+    )
     side = len(rooms)
     wide, y0 = float(rng.uniform(3.0, 4.5)), float(depth * rng.uniform(0.3, 0.55))
-    rooms.append(_room(str(rng.choice(["lounge", "kitchen"])), rectangle(length + w, y0, length + w + wide, y0 + 4.0), rng, 2.7))
+    rooms.append(
+        _room(str(rng.choice(["lounge", "kitchen"])), rectangle(length + w, y0, length + w + wide, y0 + 4.0), rng, 2.7)
+    )
     openings = _doors(rooms, 0, range(1, side), rng, 0.75)
     openings.append(connect(rooms, side, 0, "passage", 1.8, rng, 2.4))
     return _finished("open_plan", rooms, openings, rng, columns=_columns((0, 0), (length, depth), rng))
@@ -282,7 +307,14 @@ def _suite(use: str, rng: np.random.Generator) -> Plan:
     other = rectangle(width + w, 0, width + w + beside, float(depth * rng.uniform(0.75, 1.0)))
     rooms.append(_room(str(rng.choice(_SIDE_USES)), _shaped(other, rng, (2,), 0.6), rng, _height(rng, 2.5, 2.9)))
     wide = float(rng.uniform(1.5, 2.3))
-    rooms.append(_room("corridor", rectangle(-float(rng.uniform(0.5, 2.0)), -w - wide, width + w + beside, -w), rng, _height(rng, 2.4, 2.7)))
+    rooms.append(
+        _room(
+            "corridor",
+            rectangle(-float(rng.uniform(0.5, 2.0)), -w - wide, width + w + beside, -w),
+            rng,
+            _height(rng, 2.4, 2.7),
+        )
+    )
     openings: list[Opening | None] = _doors(rooms, 2, (0, 1), rng, 0.35)
     if rng.uniform() < 0.5:
         openings.append(connect(rooms, 0, 1, str(rng.choice(["door", "passage"])), 0.95, rng))

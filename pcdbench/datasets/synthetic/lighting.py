@@ -1,0 +1,99 @@
+"""The colors a scanner's camera sees: albedo under lamps and daylight, darker in corners and under furniture."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pcdbench.datasets.synthetic.environment import Environment, Floats
+from pcdbench.datasets.synthetic.materials import MATERIALS, colors
+from pcdbench.threads import thread_count
+
+AMBIENT = 0.5
+NEAREST_LIGHTS = 6
+OCCLUSION_RAYS = 8
+OCCLUSION_RANGE_M = 0.8
+OCCLUSION_SPACING_M = 0.12
+
+
+def shaded_colors(
+    environment: Environment, points: Floats, normals: Floats, triangles: NDArray[np.int64], occlusion: bool = True
+) -> NDArray[np.float32]:
+    """The colors of points on the environment's mesh under its lights.
+
+    Args:
+        points: (N, 3) metres, on the surface.
+        normals: (N, 3) unit normals towards the viewer.
+        triangles: (N,) rows of the environment's mesh.
+        occlusion: darken corners and what stands under things; costs rays.
+
+    Returns:
+        (N, 3) float32 in [0, 1].
+    """
+    local_points, local_normals = _in_piece_frames(environment, points, normals, triangles)
+    materials = environment.mesh.materials[triangles]
+    albedo = colors(local_points, local_normals, materials, environment.mesh.tints[triangles])
+    light = _irradiance(environment, points, normals)
+    if occlusion:
+        light *= _openness(environment, points, normals)
+    glow = np.array([material.glow for material in MATERIALS], np.float32)[materials]
+    return np.clip(albedo * np.maximum(light, glow)[:, None], 0.0, 1.0)
+
+
+def _in_piece_frames(
+    environment: Environment, points: Floats, normals: Floats, triangles: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Points and normals in the frames that the textures are fixed to."""
+    poses = environment.poses[environment.pieces[triangles]]
+    cos, sin = np.cos(poses[:, 3]), np.sin(poses[:, 3])
+    offset = points - poses[:, :3]
+    turned = [
+        np.stack([x * cos + y * sin, y * cos - x * sin, z], axis=1) for x, y, z in (offset.T, np.asarray(normals).T)
+    ]
+    return turned[0], turned[1]
+
+
+def _irradiance(environment: Environment, points: Floats, normals: Floats) -> NDArray[np.float32]:
+    """(N,) ambient light and that of the nearest lamps and windows: distance squared, both cosines."""
+    total = np.full(len(points), AMBIENT, np.float32)
+    if not environment.lights:
+        return total
+    where = np.array([light.position for light in environment.lights])
+    facing = np.array([light.facing for light in environment.lights], np.float32)
+    strength = np.array([light.strength for light in environment.lights], np.float32)
+    count = min(NEAREST_LIGHTS + 1, len(where))
+    apart, nearest = cKDTree(where).query(points, k=list(range(1, count + 1)), workers=thread_count())
+    # Each light fades out towards the first one that is left out, so that no border shows.
+    fading = np.clip(2.0 * (1.0 - apart / apart[:, -1:]), 0.0, 1.0).astype(np.float32)
+    if count == len(where):
+        fading[:] = 1.0
+    low, facing_points = np.asarray(points, np.float32), np.asarray(normals, np.float32)
+    for k in range(count):
+        light = nearest[:, k]
+        towards = where.astype(np.float32)[light] - low
+        squared = np.einsum("ij,ij->i", towards, towards) + 0.05
+        inverse = 1.0 / np.sqrt(squared)
+        received = np.clip(np.einsum("ij,ij->i", towards, facing_points) * inverse, 0.0, None)
+        emitted = np.clip(0.25 - 0.75 * np.einsum("ij,ij->i", towards, facing[light]) * inverse, 0.05, 1.0)
+        total += 0.55 * strength[light] * received * emitted * fading[:, k] / (squared + 1.0)
+    return total / (0.75 + 0.35 * total)
+
+
+def _openness(environment: Environment, points: Floats, normals: Floats) -> NDArray[np.float32]:
+    """(N,) ambient occlusion: 1 in the open, less where much is near; computed on a sparse subset and spread."""
+    cells = np.floor(np.column_stack([points, normals]) / [*[OCCLUSION_SPACING_M] * 3, 0.7, 0.7, 0.7]).astype(np.int64)
+    keys = cells @ np.array([73856093, 19349663, 83492791, 2654435761, 97, 7919])
+    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
+    at, up = points[first], normals[first]
+    # Fibonacci points on a sphere around the normal's tip: directions with a cosine distribution.
+    k = np.arange(OCCLUSION_RAYS) + 0.5
+    z = 1 - 2 * k / OCCLUSION_RAYS
+    angle = np.pi * (1 + 5**0.5) * k
+    ball = np.stack([np.sqrt(1 - z**2) * np.cos(angle), np.sqrt(1 - z**2) * np.sin(angle), z], axis=1)
+    rays = up[:, None, :] * 1.02 + ball[None]
+    rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+    origins = np.repeat(at + 0.01 * up, OCCLUSION_RAYS, axis=0)
+    reach = environment.raycaster.cast(origins, rays.reshape(-1, 3)).range_m.reshape(-1, OCCLUSION_RAYS)
+    openness = np.clip(reach / OCCLUSION_RANGE_M, 0.0, 1.0).mean(axis=1)
+    return (0.45 + 0.55 * openness).astype(np.float32)[group]

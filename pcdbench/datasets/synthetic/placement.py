@@ -1,0 +1,256 @@
+"""Putting pieces into rooms without letting them meet: footprints, walls, tops, doors kept clear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.datasets.synthetic.furniture import FURNITURE, Built
+from pcdbench.datasets.synthetic.mesh import Mesh
+from pcdbench.datasets.synthetic.plan import Floats, Plan, Room, contains
+from pcdbench.scene import Box, TaggedObject
+
+DOOR_DEPTH_M = 1.0
+ON_FLOOR_M = 0.02
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A rectangle on the floor with a heading, and the heights between which something is there."""
+
+    x: float
+    y: float
+    half_x: float
+    half_y: float
+    yaw_rad: float
+    z0: float
+    z1: float
+
+    def corners(self) -> Floats:
+        """(8, 2) its corners and the middles of its sides."""
+        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, -1], [1, 0], [0, 1], [-1, 0]], np.float64)
+        local = unit * [self.half_x, self.half_y]
+        return np.array([self.x, self.y]) + local @ np.array([[cos, sin], [-sin, cos]])
+
+    def meets(self, other: Footprint, gap: float) -> bool:
+        """Whether the two come closer than `gap`, by separating axes."""
+        if self.z0 >= other.z1 or other.z0 >= self.z1:
+            return False
+        dx, dy = other.x - self.x, other.y - self.y
+        reach = np.hypot(self.half_x, self.half_y) + np.hypot(other.half_x, other.half_y) + gap
+        if dx * dx + dy * dy > reach * reach:
+            return False
+        turn = other.yaw_rad - self.yaw_rad
+        c, s = abs(np.cos(turn)), abs(np.sin(turn))
+        for a, b, ex, ey, yaw in (
+            (self, other, self.half_x, self.half_y, self.yaw_rad),
+            (other, self, other.half_x, other.half_y, other.yaw_rad),
+        ):
+            cos, sin = np.cos(yaw), np.sin(yaw)
+            along, across = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
+            if along > ex + b.half_x * c + b.half_y * s + gap or across > ey + b.half_x * s + b.half_y * c + gap:
+                return False
+        return True
+
+    def holds(self, points: Floats) -> bool:
+        """Whether any of the (N, 2) points lies in it."""
+        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        dx, dy = points[:, 0] - self.x, points[:, 1] - self.y
+        return bool(((abs(dx * cos + dy * sin) < self.half_x) & (abs(dy * cos - dx * sin) < self.half_y)).any())
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A piece in its place."""
+
+    name: str
+    built: Built
+    footprint: Footprint
+    pose: tuple[float, float, float, float]
+
+    def to_scene(self, local: Floats) -> Floats:
+        """(N, 2) points of the piece's own frame in the scene's."""
+        cos, sin = np.cos(self.pose[3]), np.sin(self.pose[3])
+        return np.array(self.pose[:2]) + np.asarray(local) @ np.array([[cos, sin], [-sin, cos]])
+
+
+class Placement:
+    """What stands in a building so far; `put` and its relatives add to it."""
+
+    def __init__(self, plan: Plan, rng: np.random.Generator) -> None:
+        self.plan = plan
+        self.rng = rng
+        self.placed: list[Placed] = []
+        self.solid: list[Footprint] = [Footprint(x, y, half, half, 0.0, 0.0, 9.0) for x, y, half, _ in plan.columns]
+        self.kept_clear: list[Footprint] = []
+        for opening in plan.openings:
+            if opening.z0 < 0.1 and opening.kind in ("door", "passage"):
+                along = (opening.end - opening.start) / opening.width
+                x, y = opening.center
+                yaw = float(np.arctan2(along[1], along[0]))
+                self.kept_clear.append(Footprint(x, y, opening.width / 2 + 0.1, DOOR_DEPTH_M, yaw, 0.0, 2.3))
+
+    def build(self, name: str) -> Built:
+        """A fresh one of a piece, drawn at random."""
+        return FURNITURE[name].build(np.random.default_rng(int(self.rng.integers(0, 2**63))))
+
+    def put(
+        self,
+        room: Room,
+        name: str,
+        built: Built,
+        x: float,
+        y: float,
+        yaw_rad: float,
+        z: float = 0.0,
+        gap: float = 0.03,
+        beside: Placed | None = None,
+    ) -> Placed | None:
+        """Put a piece with its own origin at (x, y, z), or None where something is in the way.
+
+        Args:
+            beside: a piece that it may reach under or over (a chair its desk).
+        """
+        low, high = built.mesh.bounds()
+        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+        cx, cy = (low + high)[:2] / 2
+        half = (high - low)[:2] / 2
+        footprint = Footprint(
+            x + cx * cos - cy * sin, y + cx * sin + cy * cos, half[0], half[1], yaw_rad, z + low[2] + 0.001, z + high[2]
+        )
+        if not self._fits(room, footprint, gap, beside):
+            return None
+        placed = Placed(name, built, footprint, (x, y, z, yaw_rad))
+        self.placed.append(placed)
+        self.solid.append(footprint)
+        return placed
+
+    def _fits(self, room: Room, footprint: Footprint, gap: float, beside: Placed | None) -> bool:
+        if footprint.z1 > room.height:
+            return False
+        if not contains(room.outline, footprint.corners()).all() or footprint.holds(room.outline):
+            return False
+        allowed = None if beside is None else beside.footprint
+        if any(footprint.meets(other, gap) for other in self.solid if other is not allowed):
+            return False
+        return footprint.z0 > 2.0 or not any(footprint.meets(other, 0.0) for other in self.kept_clear)
+
+    def somewhere(
+        self, room: Room, name: str, tries: int = 12, margin: float = 0.3, yaw_rad: float | None = None
+    ) -> Placed | None:
+        """Put a piece anywhere in the room, turned at random unless a yaw is given."""
+        built = self.build(name)
+        low, high = room.outline.min(axis=0), room.outline.max(axis=0)
+        for _ in range(tries):
+            x, y = self.rng.uniform(low, high)
+            yaw = float(self.rng.uniform(-np.pi, np.pi)) if yaw_rad is None else yaw_rad
+            placed = self.put(room, name, built, float(x), float(y), yaw, gap=margin)
+            if placed:
+                return placed
+        return None
+
+    def at_wall(
+        self,
+        room: Room,
+        name: str,
+        z: float | tuple[float, float] = 0.0,
+        tries: int = 10,
+        jitter_rad: float = 0.0,
+        off_m: float = 0.01,
+        gap: float = 0.04,
+        flipped: bool = False,
+    ) -> Placed | None:
+        """Put a piece with its back to a wall of the room, clear of doors, and of windows it would hide."""
+        built = self.build(name)
+        low, high = built.mesh.bounds()
+        width = float(high[0] - low[0])
+        edges = [edge for edge in room.edges() if np.hypot(*(edge[1] - edge[0])) > width + 0.05]
+        for _ in range(tries if edges else 0):
+            start, end = edges[int(self.rng.integers(0, len(edges)))]
+            length = float(np.hypot(*(end - start)))
+            first = float(self.rng.uniform(0.02, length - width - 0.02))
+            up = float(self.rng.uniform(*z)) if isinstance(z, tuple) else z
+            placed = self.on_wall(room, name, built, start, end, first, up, jitter_rad, off_m, gap, flipped)
+            if placed:
+                return placed
+        return None
+
+    def on_wall(
+        self,
+        room: Room,
+        name: str,
+        built: Built,
+        start: Floats,
+        end: Floats,
+        first: float,
+        z: float = 0.0,
+        jitter_rad: float = 0.0,
+        off_m: float = 0.01,
+        gap: float = 0.04,
+        flipped: bool = False,
+    ) -> Placed | None:
+        """Put a piece at a wall segment, one end `first` metres from the segment's start.
+
+        Args:
+            flipped: its front to the wall (desks: who sits at them looks towards +y of their frame).
+        """
+        low, high = built.mesh.bounds()
+        width = float(high[0] - low[0])
+        along = (end - start) / np.hypot(*(end - start))
+        inward = np.array([-along[1], along[0]])
+        for a, b, opening in self.plan.openings_of(start, end):
+            hidden = z + high[2] > opening.z0 + 0.02 and z + low[2] < opening.z1
+            if hidden and first < b + 0.08 and first + width > a - 0.08:
+                return None
+        turn = float(self.rng.uniform(-jitter_rad, jitter_rad)) if jitter_rad else 0.0
+        off = off_m + abs(np.sin(turn)) * width / 2
+        left, back = (high[0], high[1]) if flipped else (-low[0], -low[1])
+        x, y = start + along * (first + left) + inward * (off + back)
+        yaw = float(np.arctan2(along[1], along[0])) + turn + (np.pi if flipped else 0.0)
+        return self.put(room, name, built, float(x), float(y), yaw, z, gap)
+
+    def on_top(self, room: Room, holder: Placed, names: list[str], chance: float = 0.8, at_most: int = 6) -> None:
+        """Put things on the tops of a placed piece."""
+        for top in holder.built.tops:
+            if self.rng.uniform() > chance:
+                continue
+            for _ in range(int(self.rng.integers(1, at_most + 1))):
+                name = str(self.rng.choice(names))
+                built = self.build(name)
+                low, high = built.mesh.bounds()
+                reach = float(np.hypot(*(high - low)[:2])) / 2
+                room_x, room_y = top.size[0] / 2 - reach, top.size[1] / 2 - reach
+                if room_x < 0 or room_y < 0:
+                    continue
+                spot = top.center + self.rng.uniform(-1.0, 1.0, 2) * [room_x, room_y]
+                x, y = holder.to_scene(spot[None])[0]
+                yaw = holder.pose[3] + float(self.rng.normal(0.0, 0.35))
+                self.put(room, name, built, float(x), float(y), yaw, holder.pose[2] + top.z + 0.002, 0.005)
+
+    def merged(self, building: Mesh) -> tuple[Mesh, NDArray[np.int32], Floats]:
+        """All as one mesh; the piece of each triangle (0 the building); each piece's pose."""
+        meshes, numbers = [building], [np.zeros(len(building.triangles), np.int32)]
+        poses = [(0.0, 0.0, 0.0, 0.0)]
+        for number, placed in enumerate(self.placed, start=1):
+            mesh = placed.built.mesh.moved(placed.pose[:3], placed.pose[3])
+            meshes.append(mesh)
+            numbers.append(np.full(len(mesh.triangles), number, np.int32))
+            poses.append(placed.pose)
+        return Mesh.merge(meshes), np.concatenate(numbers), np.array(poses)
+
+    def tagged(self) -> tuple[tuple[TaggedObject, ...], tuple[int, ...]]:
+        """The pieces that someone would tag on a map, and their numbers."""
+        found, numbers = [], []
+        for number, placed in enumerate(self.placed, start=1):
+            piece = FURNITURE[placed.name]
+            if not piece.tagged:
+                continue
+            its = placed.footprint
+            center = np.array([its.x, its.y, (its.z0 + its.z1) / 2])
+            size = 2 * np.array([its.half_x, its.half_y, (its.z1 - its.z0) / 2])
+            found.append(TaggedObject(piece.label, Box(center, size, its.yaw_rad)))
+            numbers.append(number)
+        return tuple(found), tuple(numbers)
