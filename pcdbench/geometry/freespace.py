@@ -88,6 +88,14 @@ class FreeSpace:
         return path
 
 
+def headings(path: NDArray[np.float64], lookahead: int = 8) -> NDArray[np.float64]:
+    """(N,) radians: at each position of a path (N, 2), the direction of the one `lookahead` positions on."""
+    ahead = path[np.minimum(np.arange(len(path)) + lookahead, len(path) - 1)] - path
+    moving = np.linalg.norm(ahead, axis=1) > 1e-6
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(path)), 0))
+    return np.arctan2(ahead[last, 1], ahead[last, 0])
+
+
 def free_space(obstacles: NDArray[np.float64], seen: NDArray[np.float64]) -> FreeSpace:
     """The free space of a scene, its largest connected part.
 

@@ -21,20 +21,25 @@ FEWEST_POINTS = 20
 
 
 def register(
-    source: NDArray[np.float64], target: NDArray[np.float64], T_target_source: Pose, method: Method = "ndt"
+    source: NDArray[np.float64],
+    target: NDArray[np.float64],
+    T_target_source: Pose,
+    method: Method,
+    scales_m: Sequence[float],
 ) -> Pose:
-    """The refined `T_target_source`, by a method with its default scales.
+    """The refined `T_target_source`, by a method.
 
     Args:
         source: (N, 3) metres, in the source's own frame.
         target: (M, 3) metres, in the target's frame.
         T_target_source: (4, 4) the guess; returned as it is where either scan has fewer than 20 points or the
             method finds nothing to hold on to.
+        scales_m: coarse to fine: voxel sizes of NDT, largest correspondence distances of the others.
     """
     if min(len(source), len(target)) < FEWEST_POINTS:
         return T_target_source
     align = {"ndt": ndt, "icp": icp, "gicp": gicp}[method]
-    return align(source, target, T_target_source)
+    return align(source, target, T_target_source, scales_m)
 
 
 def ndt(
