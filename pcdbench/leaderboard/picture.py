@@ -12,7 +12,10 @@ from pcdbench.cloud import PointCloud
 
 _BACKGROUND = (1.0, 1.0, 1.0)
 _PANEL_PIXELS = 560
+_PANEL_INCHES = 3.4
 _CEILING_SHARE = 0.85
+# A disc's radius in mean spacings, were all points on the floor: they are not, so discs must be larger.
+_OVERLAP = 1.15
 _SLANT_DEG, _TURN_DEG = 52.0, 30.0
 
 
@@ -22,20 +25,20 @@ def write_picture(path: Path, clouds: Sequence[tuple[str, PointCloud]], title: s
     Args:
         frame: the cloud whose extent every panel shows (the complete one), so that panels line up.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(3.4 * len(clouds), 7.0), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(2, len(clouds), squeeze=False)
+    images = [[view(cloud, frame) for _, cloud in clouds] for view in (_from_above, _at_a_slant)]
+    heights = [row[0].shape[0] / row[0].shape[1] for row in images]
+    figure = Figure(figsize=(_PANEL_INCHES * len(clouds), _PANEL_INCHES * sum(heights) + 0.9), layout="constrained")
+    axes = figure.subplots(2, len(clouds), squeeze=False, height_ratios=heights)
     for column, (name, cloud) in enumerate(clouds):
-        for row, view in enumerate((_from_above, _at_a_slant)):
-            axes[row, column].imshow(view(cloud, frame), interpolation="lanczos")
+        for row in range(2):
+            axes[row, column].imshow(images[row][column], interpolation="lanczos")
             axes[row, column].set_axis_off()
         axes[0, column].set_title(f"{name}\n{len(cloud):,} points", fontsize=11)
     figure.suptitle(title, fontsize=12)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=110, facecolor="white", bbox_inches="tight")
+    figure.savefig(path, dpi=110, facecolor="white")
 
 
 def splat(
@@ -66,9 +69,9 @@ def splat(
     pixels = np.round(center[order])[:, None, :].astype(int) + offsets
     inside = ((pixels >= 0) & (pixels < (width, height))).all(axis=2)
     flat = (height - 1 - pixels[..., 1]) * width + pixels[..., 0]
-    # Points come from far to near and their index only grows: the largest index is the nearest point.
+    # Points come from far to near, and of repeated indices numpy keeps the last assignment: the nearest.
     nearest = np.full(height * width, -1)
-    np.maximum.at(nearest, flat[inside], np.broadcast_to(np.arange(len(points))[:, None], flat.shape)[inside])
+    nearest[flat[inside]] = np.broadcast_to(np.arange(len(points))[:, None], flat.shape)[inside]
     hit = nearest >= 0
     image[hit] = colors[order][nearest[hit]]
     return image.reshape(height, width, 3)
@@ -95,7 +98,8 @@ def _view(cloud: PointCloud, frame: PointCloud, R_view_scene: NDArray[np.float64
     framed = (frame.points[frame.points[:, 2] <= ceiling] - center) @ R_view_scene.T
     corners = framed[:, :2].min(axis=0), framed[:, :2].max(axis=0)
     margin = 0.03 * float((corners[1] - corners[0]).max())
-    radius_m = 0.55 * float(np.sqrt(np.prod(np.maximum(high - low, 0.1)[:2]) / max(1, len(frame)))) * 1.6
+    floor_m2 = float(np.prod(np.maximum(high - low, 0.1)[:2]))
+    radius_m = _OVERLAP * (floor_m2 / max(1, len(frame))) ** 0.5
     return splat(points, _shaded(cloud, low, high)[shown], (corners[0] - margin, corners[1] + margin), radius_m)
 
 

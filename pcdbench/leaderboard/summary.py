@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -51,7 +51,7 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     Columns: those of `GROUP`; reference, unit, direction, summary, main; scenes, cases (measured), failed and
     skipped (cases without measurements; timeouts count as failed); median, p90 and mean, each with `_low` and
     `_high` of its 95 % bootstrap interval over scenes; seconds and memory_mb, the medians of completing.
-    A completer of which nothing was measured has a line for its task, without metric and numbers.
+    A completer of which nothing was measured has a line for its task's main metric, without numbers.
     """
     samples = samples_table(rows)
     counts = _counts(rows)
@@ -71,6 +71,8 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
             | _statistics(group)
             | costs.get((incompleteness, level, completer), {})
         )
+    described = ["metric", "unit", "direction", "summary"]
+    main = samples[samples["main"].astype(bool)].groupby("task")[described].first()
     for row in rows:
         cell = _cell(row)
         if cell not in seen:
@@ -79,7 +81,6 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
             records.append(
                 {
                     "task": task,
-                    "metric": "",
                     "incompleteness": incompleteness,
                     "level": level,
                     "completer": completer,
@@ -88,6 +89,7 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
                     "scenes": 0,
                     "cases": 0,
                 }
+                | (main.loc[task].to_dict() if task in main.index else {"metric": ""})
                 | counts[cell]
                 | costs.get((incompleteness, level, completer), {})
             )
@@ -117,19 +119,22 @@ def case_means(table: pd.DataFrame, completer: str) -> pd.Series:
 
 
 def reasons(rows: Iterable[Mapping[str, Any]]) -> list[str]:
-    """One line for each reason why rows have no measurements: how many, of what, why; failures first."""
-    found = Counter(
-        (row["status"] != "skipped", row["status"], row["task"]["name"], row["completer"]["name"], row["error"])
-        for row in rows
-        if row["status"] != "ok"
-    )
-    merged: dict[tuple[bool, str, str, str], Counter[str]] = {}
-    for (failed, status, task, completer, error), number in found.items():
-        merged.setdefault((failed, status, completer, error or ""), Counter())[task] += number
-    return [
-        f"{tasks.total()} {status}: {completer} on {', '.join(sorted(tasks))}: {error}"
-        for (_, status, completer, error), tasks in sorted(merged.items(), key=lambda item: not item[0][0])
-    ]
+    """One line for each reason why rows have no measurements: how many, of what, why; failures first.
+
+    Reasons that differ only in a scene's name and in numbers are one, told by its first example.
+    """
+    found: dict[tuple[bool, str, str, str], list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["status"] != "ok":
+            pattern = re.sub(r"[\d.,]+", "#", str(row["error"]).replace(row["scene"], "SCENE"))
+            key = (row["status"] == "skipped", row["status"], row["completer"]["name"], pattern)
+            found.setdefault(key, []).append(row)
+    lines = []
+    for (_, status, completer, _), its in sorted(found.items(), key=lambda item: item[0][0]):
+        tasks = ", ".join(sorted({row["task"]["name"] for row in its}))
+        alike = len({row["error"] for row in its}) > 1
+        lines.append(f"{len(its)} {status}: {completer} on {tasks}: {its[0]['error']}{' (and alike)' if alike else ''}")
+    return lines
 
 
 def _statistics(group: pd.DataFrame) -> dict[str, float]:

@@ -1,0 +1,44 @@
+"""Pictures of clouds: what hides what, and where it lies."""
+
+import numpy as np
+from matplotlib.image import imread
+
+from pcdbench.cloud import PointCloud
+from pcdbench.leaderboard.picture import splat, write_picture
+
+RED, BLUE, WHITE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 1.0)
+EXTENT = (np.zeros(2), np.array([2.0, 1.0]))
+
+
+def test_the_nearer_point_hides_the_farther_whatever_their_order():
+    points = np.array([[1.0, 0.5, 0.0], [1.0, 0.5, 1.0]])
+    for order in ([0, 1], [1, 0]):
+        image = splat(points[order], np.array([BLUE, RED])[order], EXTENT, 0.1)
+        middle = image[image.shape[0] // 2, image.shape[1] // 2]
+        assert tuple(middle) == RED
+        assert not (image == BLUE).all(axis=2).any()
+
+
+def test_a_disc_lies_where_its_point_is_with_y_up():
+    image = splat(np.array([[0.5, 0.75, 0.0]]), np.array([RED]), EXTENT, 0.1)
+    rows, columns = np.nonzero((image == RED).all(axis=2))
+    height, width = image.shape[:2]
+    assert abs(columns.mean() / width - 0.25) < 0.01 and abs(rows.mean() / height - 0.25) < 0.01
+    assert abs(len(rows) / (np.pi * (0.1 * (width - 1) / 2) ** 2) - 1) < 0.1
+    assert tuple(image[0, 0]) == WHITE
+
+
+def test_points_outside_are_left_out():
+    image = splat(np.array([[5.0, 5.0, 0.0], [-3.0, 0.5, 0.0]]), np.array([RED, RED]), EXTENT, 0.1)
+    assert (image == 1.0).all()
+
+
+def test_the_ceiling_is_taken_off_and_clouds_without_colour_are_drawn_too(tmp_path, cloud):
+    floor = np.random.default_rng(0).random((2000, 3)) * (4, 3, 0.1)
+    ceiling = floor + np.array([0, 0, 2.5])
+    room = PointCloud(np.concatenate([floor, ceiling]), np.repeat([RED, BLUE], 2000, axis=0))
+    write_picture(tmp_path / "a.png", [("true", room), ("half", room.without_colors())], "title", room)
+    image = imread(tmp_path / "a.png")[..., :3]
+    red = (image[..., 0] > 0.7) & (image[..., 1:] < 0.2).all(axis=2)
+    blue = (image[..., 2] > 0.7) & (image[..., :2] < 0.2).all(axis=2)
+    assert red.mean() > 0.05 and not blue.any()

@@ -1,0 +1,108 @@
+"""Summaries by hand-computed cases: what is counted, paired and shown."""
+
+import numpy as np
+import pytest
+from rows_for_tests import result_row
+
+from pcdbench.leaderboard.render import markdown, number, records, summary_tables
+from pcdbench.leaderboard.summary import paired_difference, reasons, samples_table, summarize
+
+
+def test_samples_of_all_cases_are_pooled():
+    rows = [
+        result_row("a", [1, 2, 3], scene="x", seconds=1.0),
+        result_row("a", [10], scene="y", seconds=3.0),
+        result_row("a", [], scene="z", seconds=8.0),
+    ]
+    (line,) = records(summarize(rows))
+    assert (line["median"], line["mean"], line["scenes"], line["cases"]) == (2.5, 4.0, 3, 3)
+    assert line["p90"] == pytest.approx(np.quantile([1, 2, 3, 10], 0.9))
+    assert (line["seconds"], line["memory_mb"]) == (3.0, 2.0)
+    assert line["median_low"] <= 2.5 <= line["median_high"]
+
+
+def test_failed_timed_out_and_skipped_cases_are_counted_not_averaged():
+    rows = [
+        result_row("a", [1.0], scene="x"),
+        result_row("a", [], scene="y", status="failed", error="E"),
+        result_row("a", [], scene="z", status="timeout", error="T"),
+        result_row("a", [], scene="w", status="skipped", error="S"),
+        result_row("b", [], scene="x", status="failed", error="E"),
+    ]
+    first, second = records(summarize(rows))
+    assert (first["cases"], first["failed"], first["skipped"], first["median"]) == (1, 2, 1, 1.0)
+    assert (second["completer"], second["cases"], second["failed"], second["median"]) == ("b", 0, 1, None)
+    page = markdown(summary_tables(summarize(rows)))
+    assert "1 (2 failed, 1 skipped)" in page and "0 (1 failed)" in page
+
+
+def test_the_order_of_rows_changes_nothing():
+    rng = np.random.default_rng(0)
+    rows = [
+        result_row(name, rng.random(3), scene=scene, level=level)
+        for level in (0.5, 0.1)
+        for scene in "vwxyz"
+        for name in ("b", "a", "incomplete")
+    ]
+    expected = records(summarize(rows))
+    assert records(summarize([rows[index] for index in rng.permutation(len(rows))])) == expected
+    assert [(line["level"], line["completer"]) for line in expected] == [
+        (level, name) for level in (0.1, 0.5) for name in ("incomplete", "a", "b")
+    ]
+
+
+def test_differences_are_paired_by_case():
+    rng = np.random.default_rng(0)
+    hard = rng.gamma(1.0, 10.0, size=30)
+    rows = [result_row("a", [base, base + 2], scene=str(scene)) for scene, base in enumerate(hard)]
+    rows += [result_row("b", [base + 1.5 + rng.normal(scale=0.1)], scene=str(scene)) for scene, base in enumerate(hard)]
+    rows += [result_row("b", [1e6], scene="a never saw this")]
+    difference = paired_difference(samples_table(rows), "b", "a")
+    assert difference.value == pytest.approx(0.5, abs=0.1)
+    assert 0.3 < difference.low < difference.high < 0.7, "though the cases differ by tens"
+    assert paired_difference(samples_table(rows), "b", "c") is None
+
+
+@pytest.mark.parametrize(("direction", "best"), [("lower", "a"), ("higher", "b")])
+def test_the_best_completer_stands_out_and_references_do_not_compete(direction, best):
+    rows = [
+        result_row(name, [value], scene=scene, direction=direction)
+        for scene in "xy"
+        for name, value in (("ground_truth", 0.0), ("incomplete", 9.0), ("a", 1.0), ("b", 2.0))
+    ]
+    page = markdown(summary_tables(summarize(rows)))
+    bold = [line.split("|")[2].strip() for line in page.splitlines() if "**" in line]
+    assert bold == [f"**{best}**"]
+    assert "*ground_truth*" in page
+
+
+def test_names_cannot_break_a_markdown_table():
+    page = markdown(summary_tables(summarize([result_row("a|b", [1.0])])))
+    assert "a\\|b" in page
+
+
+def test_reasons_are_counted_failures_first_and_alike_ones_once():
+    rows = [
+        result_row("a", [], scene=f"room{n}", status="skipped", error=f"room{n} has {n} points") for n in range(3)
+    ] + [result_row("b", [], status="failed", error="E: x", task=task) for task in ("t2", "t1")]
+    assert reasons(rows) == [
+        "2 failed: b on t1, t2: E: x",
+        "3 skipped: a on task: room0 has 0 points (and alike)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (0.00039, "", "3.9e-4"),
+        (0.0, "m", "0"),
+        (0.893, "", "0.893"),
+        (0.0061, "m", "0.006"),
+        (0.0001, "m", "1.0e-4"),
+        (12.34, "", "12.3"),
+        (-0.5, "", "-0.500"),
+        (float("nan"), "", "-"),
+    ],
+)
+def test_numbers_for_people(value, unit, text):
+    assert number(value, unit) == text
