@@ -76,7 +76,16 @@ MATERIALS: tuple[Material, ...] = (
     Material("wall_paint", textures.wall_paint(WALLS)),
     Material("plaster", textures.concrete(WHITES)),
     Material("wallpaper", textures.wallpaper(WALLS)),
-    Material("brick", textures.bricks(((0.6, 0.3, 0.22), (0.68, 0.42, 0.3), (0.82, 0.8, 0.76), (0.5, 0.28, 0.24)))),
+    Material(
+        "brick",
+        textures.bricks(
+            ((0.6, 0.3, 0.22), (0.68, 0.42, 0.3), (0.82, 0.8, 0.76), (0.5, 0.28, 0.24)),
+            0.24,
+            0.075,
+            0.011,
+            (0.72, 0.7, 0.66),
+        ),
+    ),
     Material("concrete", textures.concrete(STONES)),
     Material("wall_tiles", textures.tiles(WALLS, 0.15, 0.005, (0.6, 0.6, 0.6))),
     Material("wood_panelling", textures.planks(WOODS, 2.4, 0.11)),
@@ -136,7 +145,12 @@ MATERIALS: tuple[Material, ...] = (
         "terracotta",
         textures.plain(((0.66, 0.36, 0.24), (0.6, 0.58, 0.55), (0.2, 0.2, 0.21), (0.86, 0.85, 0.82)), 0.15),
     ),
-    Material("wicker", textures.bricks(((0.6, 0.44, 0.26), (0.45, 0.32, 0.2), (0.72, 0.6, 0.42)), 0.05, 0.022, 0.004)),
+    Material(
+        "wicker",
+        textures.bricks(
+            ((0.6, 0.44, 0.26), (0.45, 0.32, 0.2), (0.72, 0.6, 0.42)), 0.036, 0.014, 0.004, (0.26, 0.18, 0.11)
+        ),
+    ),
     Material("red_gloss", textures.plain(((0.72, 0.06, 0.05),))),
     # things
     Material("screen", patterns.screen, dropout=0.2, glow=0.5),

@@ -34,8 +34,8 @@ class Mesh:
         """A mesh of one material, without the triangles that have no area (poles, closed caps)."""
         points = np.asarray(vertices, np.float64).reshape(-1, 3)
         corners = np.asarray(triangles, np.int64).reshape(-1, 3)
-        a, b, c = points[corners[:, 0]], points[corners[:, 1]], points[corners[:, 2]]
-        corners = corners[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-10]
+        across = _edge_products(points, corners)
+        corners = corners[np.sum(across * across, axis=1) > 1e-20]
         count = len(corners)
         return Mesh(
             points, corners, np.full(count, material_id(material), np.int32), np.full(count, int(tint), np.int64)
@@ -91,9 +91,15 @@ class Mesh:
 
     def triangle_normals(self) -> Floats:
         """(T, 3) outward unit normals."""
-        a, b, c = (self.vertices[self.triangles[:, corner]] for corner in range(3))
-        normals = np.cross(b - a, c - a)
+        normals = _edge_products(self.vertices, self.triangles)
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def _edge_products(vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
+    """(T, 3) the cross product of two edges of each triangle: its normal, twice its area long."""
+    a = vertices[triangles[:, 0]]
+    first, second = vertices[triangles[:, 1]] - a, vertices[triangles[:, 2]] - a
+    return first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]]
 
 
 def rotation_about(axis: str, angle_rad: float) -> Floats:

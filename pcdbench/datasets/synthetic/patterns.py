@@ -101,11 +101,10 @@ def artwork(surface: Surface) -> Floats:
 
 
 def photograph(surface: Surface) -> Floats:
-    """A landscape: sky above hills above a foreground, in the tint's colors."""
+    """A landscape at the height of pictures on walls: sky above hills above a foreground, in the tint's colors."""
     tints = surface.tints
     u, v = surface.uv.T
-    height = v / 0.35 + tint_share(surface, 251)
-    height = height - np.floor(height)
+    height = np.clip((v - 1.1) / 0.9 + 0.2 * tint_share(surface, 251), 0.0, 1.0)
     ridge = 0.55 + 0.3 * (fractal_noise(surface.uv[:, :1] / 0.2, tints, 252) - 0.5)
     shore = 0.25 + 0.2 * (fractal_noise(surface.uv[:, :1] / 0.12, tints, 253) - 0.5)
     sky = blended(
@@ -197,13 +196,13 @@ def book_cover(surface: Surface) -> Floats:
 def screen(surface: Surface) -> Floats:
     """A display: dark, or lit with windows, a picture and lines of text."""
     tints = surface.tints
-    cell = np.floor(surface.uv / np.array([0.22, 0.16]) + tint_share(surface, 311)[:, None])
+    cell = np.floor(surface.uv / np.array([0.3, 0.22]) + tint_share(surface, 311)[:, None])
     kind = uniform(tints, *cell.T, 312)
     window = np.where(kind[:, None] < 0.45, [0.9, 0.92, 0.94], [0.16, 0.19, 0.24])
     window = np.where(kind[:, None] > 0.8, bright_color(tints, *cell.T, 313), window)
-    lines = _written(surface, 0.02, 0.9, 314)
-    lit = np.where(lines[:, None] > 0, 1.0 - 0.75 * window, window)
-    return blended(lit, (0.035, 0.035, 0.045), tint_share(surface, 315) < 0.35)
+    lines = _written(surface, 0.024, 0.6, 314)
+    lit = np.where(lines[:, None] > 0, 0.5 * window + 0.2, window)
+    return blended(lit, (0.035, 0.035, 0.045), tint_share(surface, 315) < 0.3)
 
 
 def keys(palette: Palette) -> Texture:
@@ -271,14 +270,17 @@ def cardboard(surface: Surface) -> Floats:
 
 
 def signage(palette: Palette) -> Texture:
-    """A sign: white marks and an arrow-like wedge on a strong color."""
+    """A sign: lines of white letters, among them a pictogram in a white square, on a strong color."""
 
     def texture(surface: Surface) -> Floats:
         color = base_color(surface, palette)
-        marks = _written(surface, 0.07, 0.9, 351) > 0
-        cell = surface.uv / 0.16
-        within = np.abs(cell - np.floor(cell) - 0.5)
-        wedge = (uniform(surface.tints, *np.floor(cell).T, 352) < 0.4) & (within[:, 0] + within[:, 1] < 0.3)
-        return blended(color, (0.95, 0.95, 0.93), marks | wedge)
+        column = np.floor(surface.uv[:, 0] / 0.2 + tint_share(surface, 351))
+        pictured = uniform(surface.tints, column, 352) < 0.35
+        within = np.abs(surface.uv / 0.2 + tint_share(surface, 351)[:, None] - 0.5)
+        within = np.abs(within - np.round(within))
+        square = np.max(within, axis=1) < 0.36
+        wedge = within[:, 0] + within[:, 1] < 0.26
+        letters = _written(surface, 0.055, 0.85, 353) > 0
+        return blended(color, (0.95, 0.95, 0.93), np.where(pictured, square & ~wedge, letters))
 
     return texture

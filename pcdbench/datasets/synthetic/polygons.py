@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Corner = tuple[float, float]
 
 
 def signed_area(ring: Floats) -> float:
@@ -21,32 +22,42 @@ def triangulated(ring: Floats) -> NDArray[np.int64]:
 
     Source: G. H. Meisters, "Polygons have ears", American Mathematical Monthly 82 (1975).
     """
-    left = list(range(len(ring)))
+    if np.all(_turns(ring, np.roll(ring, -1, axis=0), np.roll(ring, -2, axis=0)) > 0):
+        after = np.arange(1, len(ring) - 1)
+        return np.column_stack([np.zeros_like(after), after, after + 1])
+    corners = [(float(x), float(y)) for x, y in ring]
+    left = list(range(len(corners)))
     triangles: list[tuple[int, int, int]] = []
     while len(left) > 3:
-        place = next((k for k in range(len(left)) if _is_ear(ring, left, k)), 0)
+        place = next((k for k in range(len(left)) if _is_ear(corners, left, k)), 0)
         triangles.append((left[place - 1], left[place], left[(place + 1) % len(left)]))
         del left[place]
     triangles.append((left[0], left[1], left[2]))
     return np.array(triangles, np.int64)
 
 
-def _is_ear(ring: Floats, left: list[int], place: int) -> bool:
-    a, b, c = ring[left[place - 1]], ring[left[place]], ring[left[(place + 1) % len(left)]]
+def _is_ear(corners: list[Corner], left: list[int], place: int) -> bool:
+    a, b, c = corners[left[place - 1]], corners[left[place]], corners[left[(place + 1) % len(left)]]
     if _turn(a, b, c) <= 1e-14:
         return False
-    others = ring[left]
-    inside = (_turns(a, b, others) >= 0) & (_turns(b, c, others) >= 0) & (_turns(c, a, others) >= 0)
-    corner = np.any(np.all(others[:, None, :] == np.stack([a, b, c]), axis=2), axis=1)
-    return not bool(np.any(inside & ~corner))
+    for other in left:
+        point = corners[other]
+        if point in (a, b, c):
+            continue
+        if _turn(a, b, point) >= 0 and _turn(b, c, point) >= 0 and _turn(c, a, point) >= 0:
+            return False
+    return True
 
 
-def _turn(a: Floats, b: Floats, c: Floats) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+def _turn(a: Corner, b: Corner, c: Corner) -> float:
+    """Twice the area of a-b-c, positive where it turns left."""
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 def _turns(a: Floats, b: Floats, points: Floats) -> Floats:
-    return (b[0] - a[0]) * (points[:, 1] - a[1]) - (b[1] - a[1]) * (points[:, 0] - a[0])
+    """Twice the signed areas of a-b-point, for single or (K, 2) corners."""
+    along, towards = b - a, points - a
+    return along[..., 0] * towards[:, 1] - along[..., 1] * towards[:, 0]
 
 
 def bridged(outer: Floats, holes: Sequence[Floats]) -> Floats:
@@ -56,9 +67,9 @@ def bridged(outer: Floats, holes: Sequence[Floats]) -> Floats:
     """
     ring = outer
     for hole in sorted(holes, key=lambda points: -float(points[:, 0].max())):
-        start = int(np.argmax(hole[:, 0]))
+        start = int(np.argmax(np.round(hole[:, 0], 9)))  # rounded: a tie is broken alike everywhere
         corner = hole[start]
-        order = np.argsort(np.sum((ring - corner) ** 2, axis=1), kind="stable")
+        order = np.argsort(np.round(np.sum((ring - corner) ** 2, axis=1), 9), kind="stable")
         other_edges = [ring, hole]
         end = next(int(k) for k in order if not any(_crosses(ring[k], corner, edges) for edges in other_edges))
         ring = np.concatenate([ring[: end + 1], np.roll(hole, -start, axis=0), corner[None], ring[end:]])

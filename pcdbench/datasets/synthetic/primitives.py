@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pcdbench.datasets.synthetic.mesh import Floats, Mesh
 from pcdbench.datasets.synthetic.polygons import bridged, signed_area, triangulated
@@ -14,6 +14,9 @@ from pcdbench.datasets.synthetic.polygons import bridged, signed_area, triangula
 _BOX_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
 _BOX_QUADS = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
 _BOX_TRIANGLES = np.concatenate([_BOX_QUADS[:, [0, 1, 2]], _BOX_QUADS[:, [0, 2, 3]]])
+
+_DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]], np.float64)
+_DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
 
 
 def box(size: ArrayLike, center: ArrayLike, material: str, tint: int = 0) -> Mesh:
@@ -72,6 +75,12 @@ def prism(
         triangles.append(np.stack([here, after + side, here + side], 1) + start)
         start += 2 * side
     return Mesh.of(np.concatenate(vertices), np.concatenate(triangles), material, tint)
+
+
+def profile_prism(profile: ArrayLike, x0: float, x1: float, material: str, tint: int = 0) -> Mesh:
+    """A profile (K, 2) of (y, z) drawn out along x from `x0` to `x1`."""
+    upright = prism(profile, x0, x1, material, tint)
+    return replace(upright, vertices=upright.vertices[:, [2, 0, 1]])
 
 
 def _wound(ring: ArrayLike, sign: float) -> Floats:
@@ -197,31 +206,28 @@ def tube(
     segments: int = 8,
     closed: bool = False,
 ) -> Mesh:
-    """A round tube along a path (K, 3), with one radius or one a point; `closed` makes a ring of it."""
+    """A round tube along a path (K, 3), with one radius or one a point; `closed` makes a ring of it.
+
+    Its circles are turned by the one of seven directions that the path keeps furthest from: no twist, no pinch.
+    """
     points = np.asarray(path, np.float64)
     around = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
     tangents = around if closed else np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
-    across = np.eye(3)[np.argmin(np.abs(tangents[0]))]
+    # Rounded, so that a tie is broken alike on every machine.
+    closeness = np.round(np.abs(_DIRECTIONS @ tangents.T).max(axis=1), 6)
+    reference = _DIRECTIONS[np.argmin(closeness)]
+    across = np.cross(tangents, reference)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    side = np.cross(tangents, across)
     angle = 2 * np.pi * np.arange(segments) / segments
-    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(points),))
-    rings = []
-    for point, tangent, size in zip(points, tangents, radii, strict=True):
-        across = across - tangent * (across @ tangent)
-        across = across / np.linalg.norm(across)
-        side = np.cross(tangent, across)
-        rings.append(point + size * (np.outer(np.cos(angle), across) + np.outer(np.sin(angle), side)))
+    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(points),))[:, None, None]
+    circles = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * side[:, None]
+    rings = points[:, None] + radii * circles
     if closed:
-        rings.append(_aligned(rings[0], rings[-1]))
-    else:
-        rings = [np.repeat(points[:1], segments, axis=0), *rings, np.repeat(points[-1:], segments, axis=0)]
-    return surface(np.stack(rings), material, tint, closed=True)
-
-
-def _aligned(ring: Floats, reference: Floats) -> Floats:
-    """`ring` with its points shifted around so that they face those of `reference`."""
-    shifts = [np.roll(ring, shift, axis=0) for shift in range(len(ring))]
-    return min(shifts, key=lambda turned: float(np.sum((turned - reference) ** 2)))
+        return surface(np.concatenate([rings, rings[:1]]), material, tint, closed=True)
+    caps = np.repeat(points[[0, -1], None], segments, axis=1)
+    return surface(np.concatenate([caps[:1], rings, caps[1:]]), material, tint, closed=True)
 
 
 def torus(ring_radius: float, radius: float, center: ArrayLike, material: str, tint: int = 0) -> Mesh:
@@ -267,7 +273,7 @@ def sheet(heights: ArrayLike, size: tuple[float, float], thickness: float, mater
     x, y = np.meshgrid(np.linspace(-0.5, 0.5, columns) * size[0], np.linspace(-0.5, 0.5, rows) * size[1])
     top = np.stack([x, y, tops], axis=-1)
     under = top - [0.0, 0.0, thickness]
-    rim = np.concatenate([_outline(top)[None], _outline(under)[None]])
+    rim = np.concatenate([grid_border(top)[None], grid_border(under)[None]])
     return Mesh.merge(
         [
             surface(top, material, tint),
@@ -277,6 +283,6 @@ def sheet(heights: ArrayLike, size: tuple[float, float], thickness: float, mater
     )
 
 
-def _outline(grid: Floats) -> NDArray[np.float64]:
-    """(K, 3) the grid's border, counter-clockwise seen from above."""
+def grid_border(grid: Floats) -> Floats:
+    """(K, 3) the border of a (rows, columns, 3) grid, first along the columns."""
     return np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])

@@ -115,7 +115,13 @@ def wallpaper(palette: Palette) -> Texture:
     return texture
 
 
-def bricks(palette: Palette, length_m: float = 0.24, height_m: float = 0.075, joint_m: float = 0.011) -> Texture:
+def bricks(
+    palette: Palette,
+    length_m: float,
+    height_m: float,
+    joint_m: float,
+    mortar: tuple[float, float, float],
+) -> Texture:
     """Running bond: every brick of its own color, joints between."""
 
     def texture(surface: Surface) -> Floats:
@@ -126,7 +132,7 @@ def bricks(palette: Palette, length_m: float = 0.24, height_m: float = 0.075, jo
         color = shaded(base_color(surface, palette), 0.72 + 0.5 * share)
         color = shaded(color, 0.9 + 0.2 * fractal_noise(surface.uv / 0.03, 42, octaves=2))
         joint = ((along - brick) * length_m < joint_m) | (surface.uv[:, 1] - row * height_m < joint_m)
-        return blended(color, (0.72, 0.7, 0.66), joint)
+        return blended(color, mortar, joint)
 
     return texture
 

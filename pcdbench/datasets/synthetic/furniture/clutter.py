@@ -169,7 +169,7 @@ def telephone(rng: Rng) -> Built:
     parts = [
         body,
         boxes((0.016, 0.016, 0.012), np.array(keys) * [-1, 1, 1], "white_plastic"),
-        box((0.09, 0.05, 0.004), (-0.035, -0.055, 0.078), "screen", color).rotated("x", 0.0),
+        box((0.09, 0.05, 0.004), (-0.035, -0.055, 0.078), "screen", color),
         tube(receiver, [0.024, 0.014, 0.014, 0.024], material, color),
     ]
     return built(parts)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from pcdbench.datasets.synthetic.furniture.piece import Built, Rng, built, chance, pick, tint
@@ -47,9 +49,9 @@ def tv_stand(rng: Rng) -> Built:
     ]
     for a in (-1, 1):
         parts += [
-            cylinder(0.03, 0.03, (0, -0.015, 0), "rubber", 0, 10)
+            cylinder(0.03, 0.03, (0, 0, -0.015), "rubber", 0, 12)
             .rotated("x", np.pi / 2)
-            .moved((a * width * 0.3, b * 0.28 - 0.015, 0.03))
+            .moved((a * width * 0.3, b * 0.28, 0.03))
             for b in (-1, 1)
         ]
     return built(parts)
@@ -116,7 +118,7 @@ def projector_screen(rng: Rng) -> Built:
     cloth = np.stack([grid[..., 0], 0.07 + 0.006 * np.cos(6 * grid[..., 0]), grid[..., 1]], -1)
     parts = [
         rounded_box((width + 0.15, 0.11, 0.11), (0, 0.06, top), 0.03, "white_plastic", tint(rng)),
-        surface(cloth[::-1], pick(rng, ("white_plastic", "screen")), tint(rng)),
+        surface(cloth[::-1], pick(rng, ("white_plastic", "photograph", "paper")), tint(rng)),
         tube([[-width / 2, 0.07, top - drop], [width / 2, 0.07, top - drop]], 0.018, "black_plastic", segments=8),
     ]
     return built(parts)
@@ -131,7 +133,7 @@ def picture(rng: Rng) -> Built:
     if chance(rng, 0.35) and min(width, height) > 0.5:
         mount = _framed(width - 0.08, height - 0.08, motif, "pages", 0.07, color, 0.03)
         parts.append(mount)
-    return built([part.moved((0, 0, rng_height)) for part in parts for rng_height in (1.55,)])
+    return built([part.moved((0, 0, 1.55)) for part in parts])
 
 
 def wall_mirror(rng: Rng) -> Built:
@@ -158,12 +160,11 @@ def monitor(rng: Rng) -> Built:
     if width > 0.68:
         columns = np.linspace(-width / 2, width / 2, 9)
         slices = [
-            box((width / 8, 0.03, height), ((a + b) / 2, 0.02, 0), "black_plastic", color)
-            for a, b in zip(columns[:-1], columns[1:], strict=True)
+            box((width / 8, 0.03, height), ((a + b) / 2, 0.02, 0), "black_plastic", color) for a, b in pairwise(columns)
         ]
         slices += [
             box((width / 8, 0.003, height - 0.03), ((a + b) / 2, 0.036, 0), "screen", color)
-            for a, b in zip(columns[:-1], columns[1:], strict=True)
+            for a, b in pairwise(columns)
         ]
         panel = Mesh.merge(slices).deformed(
             lambda v: v + np.column_stack([0 * v[:, 0], 0.4 * v[:, 0] ** 2, 0 * v[:, 0]])

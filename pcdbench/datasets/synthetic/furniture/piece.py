@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.datasets.synthetic.mesh import Mesh
+from pcdbench.datasets.synthetic.primitives import frustum
 
 Rng = np.random.Generator
 Place = Literal["floor", "wall", "ceiling", "surface"]
@@ -104,3 +105,17 @@ def round_rectangle(width: float, depth: float, radius: float, steps: int = 4) -
     return np.concatenate(
         [arc(radius, k * np.pi / 2, (k + 1) * np.pi / 2, steps, corner) for k, corner in enumerate(corners)]
     )
+
+
+def leaning_leg(
+    foot: tuple[float, float],
+    top: tuple[float, float],
+    height: float,
+    radii: tuple[float, float],
+    material: str,
+    color: int = 0,
+) -> Mesh:
+    """A round leg from `foot` on the floor to `top` under a seat or board, level at both ends."""
+    upright = frustum(radii[0], radii[1], height, (*foot, 0.0), material, color, segments=8)
+    drift = np.array([top[0] - foot[0], top[1] - foot[1], 0.0])
+    return upright.deformed(lambda vertices: vertices + vertices[:, 2:] / height * drift)

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from pcdbench.datasets.synthetic.furniture.piece import Built, Rng, Top, arc_band, built, chance, pick, tint
+from pcdbench.datasets.synthetic.furniture.piece import (
+    Built,
+    Rng,
+    Top,
+    arc_band,
+    built,
+    chance,
+    leaning_leg,
+    pick,
+    tint,
+)
 from pcdbench.datasets.synthetic.mesh import Floats, Mesh
 from pcdbench.datasets.synthetic.primitives import (
     box,
@@ -12,10 +22,11 @@ from pcdbench.datasets.synthetic.primitives import (
     cylinder,
     ellipsoid,
     frustum,
+    grid_border,
     lathe,
     prism,
+    profile_prism,
     rounded_box,
-    sphere,
     surface,
     tube,
 )
@@ -35,12 +46,11 @@ def bent_back(width: float, height: float, thickness: float, bend_m: float, mate
     columns, rows = 9, 8
     x = np.linspace(-width / 2, width / 2, columns)
     z = np.linspace(0.0, height, rows)
-    round_off = np.sqrt(np.clip(1 - np.abs(2 * z / height - 1) ** 6, 0.02, 1))
-    half = thickness / 2 * round_off[:, None] * np.sqrt(np.clip(1 - np.abs(2 * x / width) ** 6, 0.02, 1))[None, :]
+    round_off = np.sqrt(np.clip(1 - np.abs(2 * z / height - 1) ** 6, 0, 1))
+    half = thickness / 2 * round_off[:, None] * np.sqrt(np.clip(1 - np.abs(2 * x / width) ** 6, 0, 1))[None, :]
     grid_x, grid_z = np.meshgrid(x, z)
-    front, back = np.stack([grid_x, half, grid_z], -1), np.stack([grid_x[:, ::-1], -half[:, ::-1], grid_z], -1)
-    shell = surface(np.concatenate([back[:, ::-1][:, ::-1], front[:, ::-1]], axis=1), material, color, closed=True)
-    return shell.deformed(displaced)
+    front, back = np.stack([grid_x, half, grid_z], -1)[:, ::-1], np.stack([grid_x, -half, grid_z], -1)
+    return surface(np.concatenate([front, back], axis=1), material, color, closed=True).deformed(displaced)
 
 
 def office_chair(rng: Rng) -> Built:
@@ -61,20 +71,8 @@ def office_chair(rng: Rng) -> Built:
     parts.append(cylinder(0.028, seat_height - 0.17, (0, 0, 0.1), base, segments=10))
     parts.append(box((0.2, 0.22, 0.04), (0, 0, seat_height - 0.06), "black_plastic"))
     seat = rounded_box((width, 0.48, 0.09), (0, 0.02, 0), 0.045, "fabric" if cloth == "netting" else cloth, color, 3)
-    parts.append(
-        seat.deformed(
-            lambda v: (
-                v
-                + np.column_stack(
-                    [
-                        0 * v[:, 0],
-                        0 * v[:, 0],
-                        -0.5 * v[:, 1] ** 3 * (v[:, 1] > 0) - 0.15 * (v[:, 0] ** 2 < 0) * v[:, 0],
-                    ]
-                )
-            )
-        ).moved((0, 0, seat_height))
-    )
+    lowered = seat.deformed(lambda v: v - [0, 0, 0.5] * np.maximum(v[:, 1:2], 0) ** 3)
+    parts.append(lowered.moved((0, 0, seat_height)))
     back_height = rng.uniform(0.5, 0.68)
     back = bent_back(width - 0.03, back_height, 0.05 if cloth == "netting" else 0.08, 0.06, cloth, color)
     parts.append(back.moved((0, -0.2, seat_height + 0.1)))
@@ -111,23 +109,9 @@ def chair(rng: Rng) -> Built:
             boxes((0.02, 0.36, 0.03), [[s * x, 0, height * 0.4] for s in (-1, 1)], "wood", color),
         ]
         for side in (-1, 1):
-            post = prism(
-                [
-                    (-y - 0.02, 0),
-                    (-y + 0.02, 0),
-                    (-y + 0.02, height),
-                    (-y - 0.06, back),
-                    (-y - 0.09, back),
-                    (-y - 0.02, height),
-                ],
-                -0.018,
-                0.018,
-                "wood",
-                color,
-            )
-            parts.append(
-                Mesh(post.vertices[:, [2, 0, 1]], post.triangles, post.materials, post.tints).moved((side * x, 0, 0))
-            )
+            side_view = [(-y - 0.02, 0), (-y + 0.02, 0), (-y + 0.02, height)]
+            side_view += [(-y - 0.06, back), (-y - 0.09, back), (-y - 0.02, height)]
+            parts.append(profile_prism(side_view, side * x - 0.018, side * x + 0.018, "wood", color))
         slats = int(rng.integers(2, 5))
         for level in np.linspace(height + 0.14, back - 0.06, slats):
             lean = -y - 0.08 * (level - height) / (back - height)
@@ -142,8 +126,8 @@ def chair(rng: Rng) -> Built:
         parts = [shell]
         for sx in (-1, 1):
             for sy in (-1, 1):
-                leg = tube([[sx * 0.22, sy * 0.22, 0], [sx * 0.13, sy * 0.13, height - 0.01]], 0.013, legs, leg_tint, 7)
-                parts.append(leg.deformed(lambda v: np.column_stack([v[:, :2], np.maximum(v[:, 2], 0)])))
+                foot, top = (sx * 0.22, sy * 0.22), (sx * 0.13, sy * 0.13)
+                parts.append(leaning_leg(foot, top, height - 0.01, (0.013, 0.013), legs, leg_tint))
         parts.append(boxes((0.28, 0.03, 0.02), [[0, s * 0.13, height - 0.02] for s in (-1, 1)], "black_metal"))
         return built(parts)
     cloth = pick(rng, _CLOTH)
@@ -200,13 +184,9 @@ def _seat_shell(material: str, color: int) -> Mesh:
         [
             surface(upper[::-1], material, color),
             surface(lower, material, color),
-            surface(np.stack([_rim(upper), _rim(lower)]), material, color, closed=True),
+            surface(np.stack([grid_border(upper), grid_border(lower)]), material, color, closed=True),
         ]
     )
-
-
-def _rim(grid: Floats) -> Floats:
-    return np.concatenate([grid[0, :-1], grid[:-1, -1], grid[-1, :0:-1], grid[:0:-1, 0]])
 
 
 def stool(rng: Rng) -> Built:
@@ -252,98 +232,11 @@ def stool(rng: Rng) -> Built:
     parts = [frustum(0.17, 0.18, 0.035, (0, 0, height - 0.035), "wood", color)]
     for k in range(4):
         angle = np.pi / 4 + k * np.pi / 2
-        foot = np.array([np.cos(angle), np.sin(angle)])
-        leg = tube([[*(foot * 0.19), 0], [*(foot * 0.12), height - 0.03]], [0.014, 0.018], "wood", color, 8)
-        parts.append(leg.deformed(lambda v: np.column_stack([v[:, :2], np.maximum(v[:, 2], 0)])))
-    return built(parts, Top((0.0, 0.0), (0.2, 0.2), height))
-
-
-def sofa(rng: Rng) -> Built:
-    """A sofa for two to four: seat and back cushions, round arms, a gently bent back, loose cushions."""
-    seats = int(rng.integers(2, 4))
-    return _couch(rng, seats, rng.uniform(0.58, 0.7))
-
-
-def armchair(rng: Rng) -> Built:
-    """A single couch or a tub chair, whose back wraps around its seat."""
-    if chance(rng, 0.5):
-        return _couch(rng, 1, rng.uniform(0.58, 0.68))
-    cloth, color = pick(rng, _CLOTH), tint(rng)
-    radius, height = rng.uniform(0.28, 0.32), rng.uniform(0.68, 0.8)
-
-    def sloped(vertices: Floats) -> Floats:
-        rise = np.clip((vertices[:, 1] + radius) / (2 * radius), 0, 1)
-        keep = 1 - 0.28 * rise * (vertices[:, 2] > 0.3)
-        swell = 1 + 0.1 * (vertices[:, 2] / height)
-        return np.column_stack([vertices[:, :2] * swell[:, None], vertices[:, 2] * keep])
-
-    shell = prism(arc_band(radius, 0.09, np.pi * 0.87, np.pi * 2.13, 16), 0.12, height, cloth, color).deformed(sloped)
-    angles = np.linspace(np.pi * 0.87, np.pi * 2.13, 16)
-    rim = np.column_stack([(radius + 0.045) * np.cos(angles), (radius + 0.045) * np.sin(angles), np.full(16, height)])
-    parts = [
-        shell,
-        tube(sloped(rim), 0.05, cloth, color),
-        cylinder(radius, 0.2, (0, 0, 0.12), cloth, color, 24),
-        ellipsoid((radius, radius + 0.03, 0.085), (0, 0.04, 0.38), cloth, color, 20, squareness=0.8),
-    ]
-    parts += [cylinder(0.018, 0.13, (a * 0.22, b * 0.22, 0), "wood", color, 8) for a in (-1, 1) for b in (-1, 1)]
-    return built(parts)
-
-
-def _couch(rng: Rng, seats: int, seat_width: float) -> Built:
-    cloth, color = pick(rng, _CLOTH), tint(rng)
-    depth, seat_height, back_height = rng.uniform(0.82, 0.95), rng.uniform(0.4, 0.46), rng.uniform(0.76, 0.92)
-    arm = rng.uniform(0.14, 0.24)
-    inner = seats * seat_width
-    width = inner + 2 * arm
-    back = -depth / 2
-    bend = rng.uniform(0.0, 0.07)
-
-    def bent(vertices: Floats) -> Floats:
-        share = np.clip(vertices[:, 2] / back_height, 0, 1)
-        shift = -bend * (1 - (2 * vertices[:, 0] / width) ** 2) - 0.08 * share
-        return np.column_stack([vertices[:, 0], vertices[:, 1] + shift, vertices[:, 2]])
-
-    columns = np.linspace(-width / 2, width / 2, 8 * seats + 1)
-    outline = np.array(
-        [
-            (back + 0.08, 0.1),
-            (back + 0.2, 0.1),
-            (back + 0.2, back_height - 0.05),
-            (back + 0.17, back_height),
-            (back + 0.11, back_height),
-            (back + 0.08, back_height - 0.05),
-        ]
-    )
-    rows = np.stack([np.column_stack([np.full(6, x), outline]) for x in columns])
-    caps = [np.tile(rows[k].mean(axis=0), (1, 6, 1)) for k in (0, -1)]
-    parts = [
-        surface(np.concatenate([caps[0], rows, caps[1]])[::-1, ::-1], cloth, color, closed=True).deformed(bent),
-        box((inner, depth - 0.1, seat_height - 0.24), (0, 0.04, 0.1 + (seat_height - 0.24) / 2), cloth, color),
-    ]
-    for k in range(seats):
-        x = (k - (seats - 1) / 2) * seat_width
-        cushion = ellipsoid(
-            (seat_width / 2, (depth - 0.2) / 2, 0.1), (x, 0.11, seat_height - 0.08), cloth, color, 20, 0.35
-        )
-        parts.append(cushion)
-        rest = ellipsoid((seat_width / 2 - 0.01, 0.1, 0.24), (0, 0, 0), cloth, color, 20, 0.45).rotated("x", 0.22)
-        parts.append(rest.moved((x, back + 0.25, seat_height + 0.2)))
-    arm_height = rng.uniform(0.56, 0.66)
-    for side in (-1, 1):
-        x = side * (inner + arm) / 2
+        x, y = np.cos(angle), np.sin(angle)
         parts.append(
-            box((arm * 0.85, depth - 0.12, arm_height - 0.18), (x, 0.03, 0.1 + (arm_height - 0.18) / 2), cloth, color)
+            leaning_leg((x * 0.19, y * 0.19), (x * 0.12, y * 0.12), height - 0.03, (0.014, 0.018), "wood", color)
         )
-        roll = tube([[x, -depth / 2 + 0.1, 0], [x, depth / 2 - 0.02, 0]], arm / 2, cloth, color, 14).scaled((1, 1, 0.9))
-        parts.append(roll.moved((0, 0, arm_height - arm * 0.45)))
-    feet = [[a * (width / 2 - 0.1), b * (depth / 2 - 0.12), 0.05] for a in (-1, 1) for b in (-1, 1)]
-    parts.append(boxes((0.06, 0.06, 0.1), feet, pick(rng, ("wood", "chrome")), color))
-    for _ in range(int(rng.integers(0, 3))):
-        x = rng.uniform(-inner / 2 + 0.2, inner / 2 - 0.2)
-        pillow = ellipsoid((0.2, 0.07, 0.2), (0, 0, 0), "patterned_fabric", tint(rng), 16, 0.5)
-        parts.append(pillow.rotated("x", 0.35).rotated("z", rng.uniform(-0.3, 0.3)).moved((x, 0.02, seat_height + 0.2)))
-    return built(parts, Top((0.0, 0.12), (inner * 0.9, depth * 0.4), seat_height + 0.02))
+    return built(parts, Top((0.0, 0.0), (0.2, 0.2), height))
 
 
 def bench(rng: Rng) -> Built:
@@ -371,18 +264,3 @@ def bench(rng: Rng) -> Built:
         parts.append(box((0.06, 0.06, 0.34), (x, 0, 0.18), metal, color))
         parts.append(rounded_box((0.06, 0.5, 0.04), (x, 0, 0.02), 0.015, metal, color))
     return built(parts)
-
-
-def cushion(rng: Rng) -> Built:
-    """A square cushion, lying."""
-    side = rng.uniform(0.36, 0.5)
-    height = rng.uniform(0.1, 0.16)
-    body = ellipsoid(
-        (side / 2, side / 2, height / 2),
-        (0, 0, height / 2),
-        pick(rng, ("fabric", "patterned_fabric")),
-        tint(rng),
-        20,
-        0.5,
-    )
-    return built([body, sphere(0.012, (0, 0, height), "plastic", tint(rng), 8)])

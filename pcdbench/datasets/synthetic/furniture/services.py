@@ -10,9 +10,7 @@ from pcdbench.datasets.synthetic.primitives import (
     box,
     boxes,
     cylinder,
-    ellipsoid,
     lathe,
-    prism,
     rounded_box,
     sphere,
     torus,
@@ -59,7 +57,7 @@ def pendant_lamp(rng: Rng) -> Built:
     kind = pick(rng, ("cone", "globe", "drum", "dome"))
     radius = rng.uniform(0.15, 0.28)
     parts = [
-        tube([[0, 0, -drop], [0, 0, 0]], 0.004, "black_plastic", 0, 5),
+        tube([[0.0, 0.0, -drop], [0.0, 0.0, 0.0]], 0.004, "black_plastic", 0, 5),
         cylinder(0.05, 0.025, (0, 0, -0.025), "white_plastic", segments=14),
     ]
     at = (0.0, 0.0, -drop)
@@ -129,8 +127,9 @@ def duct(rng: Rng) -> Built:
 def pipe_run(rng: Rng) -> Built:
     """One to three pipes below the ceiling along x, with an elbow, couplings and clamps."""
     length, parts = rng.uniform(1.8, 3.5), []
-    for k in range(int(rng.integers(1, 4))):
-        radius, y = rng.uniform(0.018, 0.05), 0.14 * k - 0.14
+    count = int(rng.integers(1, 4))
+    for k in range(count):
+        radius, y = rng.uniform(0.018, 0.05), 0.14 * (k - (count - 1) / 2)
         z, color = -0.09 - radius, tint(rng)
         material = pick(rng, ("galvanized", "colored_metal", "red_gloss", "white_plastic"))
         end = [
@@ -195,7 +194,7 @@ def ceiling_grille(rng: Rng) -> Built:
         return built([*rings, cylinder(0.2, 0.004, (0, 0, -0.006), "gray_plastic", segments=20)])
     width, depth = rng.uniform(0.3, 0.6), rng.uniform(0.2, 0.6)
     y = np.arange(-depth / 2 + 0.04, depth / 2 - 0.03, 0.03)
-    louvre = box((width - 0.05, 0.025, 0.004), (0, 0, 0), "white_plastic").rotated("x", 0.6)
+    louvre = box((width - 0.05, 0.025, 0.004), (0, 0, 0), "white_plastic").rotated("x", 1.0)
     parts = [louvre.moved((0, at, -0.016)) for at in y]
     parts += [
         boxes((width, 0.025, 0.022), [[0, s * (depth / 2 - 0.0125), -0.011] for s in (-1, 1)], "white_plastic"),
@@ -234,64 +233,4 @@ def cable_tray(rng: Rng) -> Built:
         parts.append(
             tube(path, rng.uniform(0.006, 0.012), pick(rng, ("black_plastic", "plastic", "gray_plastic")), tint(rng), 6)
         )
-    return built(parts)
-
-
-def wall_air_conditioner(rng: Rng) -> Built:
-    """An air-conditioning unit high on the wall."""
-    width, height, low = rng.uniform(0.75, 1.0), rng.uniform(0.26, 0.31), rng.uniform(2.05, 2.2)
-    profile = [(0, 0), (0.13, 0), (0.2, 0.09), (0.2, height - 0.06), (0.15, height), (0, height)]
-    body = prism(profile, -width / 2, width / 2, "white_plastic", tint(rng))
-    parts = [
-        Mesh(body.vertices[:, [2, 0, 1]], body.triangles, body.materials, body.tints),
-        box((width * 0.85, 0.07, 0.008), (0, 0.165, 0.04), "gray_plastic"),
-        box((0.08, 0.004, 0.02), (width * 0.35, 0.2, height * 0.45), "screen", 1),
-    ]
-    pipe = [[width / 2 - 0.01, 0.06, 0.1], [width / 2 + 0.06, 0.06, 0.08], [width / 2 + 0.06, 0.05, -0.3]]
-    return built([part.moved((0, 0, low)) for part in [*parts, tube(pipe, 0.02, "white_plastic", 2)]])
-
-
-def wall_grille(rng: Rng) -> Built:
-    """A ventilation grille in the wall."""
-    width, height, z = rng.uniform(0.3, 0.7), rng.uniform(0.15, 0.4), pick(rng, (0.35, 2.2))
-    levels = np.arange(-height / 2 + 0.03, height / 2 - 0.02, 0.03)
-    louvre = box((width - 0.04, 0.004, 0.026), (0, 0, 0), "painted_metal", 1).rotated("x", -0.6)
-    parts = [louvre.moved((0, 0.014, z + at)) for at in levels]
-    parts += [
-        boxes((width, 0.022, 0.024), [[0, 0.011, z + s * height / 2] for s in (-1, 1)], "painted_metal", 1),
-        boxes((0.024, 0.022, height), [[s * width / 2, 0.011, z] for s in (-1, 1)], "painted_metal", 1),
-        box((width - 0.02, 0.003, height - 0.02), (0, 0.002, z), "black_plastic"),
-    ]
-    return built(parts)
-
-
-def wall_lamp(rng: Rng) -> Built:
-    """A lamp on the wall: half a bowl, or a globe on an arm."""
-    z, color = rng.uniform(1.7, 2.0), tint(rng)
-    if chance(rng, 0.5):
-        return built(
-            [
-                ellipsoid((0.14, 0.09, 0.1), (0, 0.09, z), "lamp", color),
-                box((0.1, 0.03, 0.14), (0, 0.015, z), "brushed_steel"),
-            ]
-        )
-    arm = [[0, 0.02, z], [0, 0.1, z - 0.03], [0, 0.16, z + 0.03]]
-    parts = [
-        tube(arm, 0.009, "brushed_steel"),
-        cylinder(0.045, 0.02, (0, 0, 0), "brushed_steel", 0, 14).rotated("x", -np.pi / 2).moved((0, 0, z)),
-    ]
-    return built([*parts, sphere(0.09, (0, 0.16, z + 0.12), "lamp", color)])
-
-
-def wall_cabinet(rng: Rng) -> Built:
-    """A distribution or first-aid box on the wall with trunking up from it."""
-    width, height, z = rng.uniform(0.3, 0.6), rng.uniform(0.4, 0.8), rng.uniform(1.2, 1.5)
-    color = tint(rng)
-    parts = [
-        box((width, 0.16, height), (0, 0.08, z), "painted_metal", color),
-        box((width - 0.04, 0.012, height - 0.04), (0, 0.165, z), "painted_metal", color),
-        box((0.03, 0.02, 0.06), (width / 2 - 0.06, 0.178, z), "black_plastic"),
-        box((0.06, 0.04, 2.4 - z - height / 2), (0, 0.02, (2.4 + z + height / 2) / 2), "white_plastic"),
-        box((0.1, 0.004, 0.1), (0, 0.173, z + height * 0.25), "sign_blue", 1),
-    ]
     return built(parts)

@@ -45,7 +45,7 @@ def _filling(rng: Rng, width: float, height: float, depth: float) -> list[Mesh]:
     """What stands on one shelf, from x = 0 to `width`, front at y = 0."""
     kind = rng.random()
     if kind < 0.5:
-        return [books_row(rng, width * rng.uniform(0.5, 1.0), min(height, 0.34), depth)]
+        return [books_row(rng, width * rng.uniform(0.65, 1.0), min(height, 0.34), depth)]
     if kind < 0.68:
         return [binders_row(rng, width * rng.uniform(0.5, 0.98), height, depth)]
     if kind < 0.8:
@@ -188,13 +188,13 @@ def lockers(rng: Rng) -> Built:
     z = 0.1 + (height - 0.12) / rows * (np.arange(rows) + 0.5)
     place = np.array([[a, depth / 2 + 0.008, c] for a in x for c in z])
     leaf = (width / columns - 0.014, 0.02, (height - 0.12) / rows - 0.014)
-    vents = [place + [0, 0.011, leaf[2] * 0.5 - 0.06 - 0.03 * k] for k in range(3)]
+    vents = [np.add(place, (0, 0.011, leaf[2] * 0.5 - 0.06 - 0.03 * k)) for k in range(3)]
     parts = [
         box((width, depth, height - 0.08), (0, 0, 0.08 + (height - 0.08) / 2), "painted_metal", color),
         box((width - 0.02, depth - 0.04, 0.08), (0, 0, 0.04), "black_metal"),
         boxes(leaf, place, "colored_metal", color if chance(rng, 0.5) else np.repeat(tints(rng, columns), rows)),
         boxes((leaf[0] * 0.55, 0.004, 0.01), np.concatenate(vents), "black_metal"),
-        boxes((0.02, 0.03, 0.06), place + [leaf[0] * 0.38, 0.015, 0], "brushed_steel"),
+        boxes((0.02, 0.03, 0.06), np.add(place, (leaf[0] * 0.38, 0.015, 0)), "brushed_steel"),
     ]
     return built(parts)
 
@@ -245,10 +245,8 @@ def wall_shelf(rng: Rng) -> Built:
             "black_metal",
         ),
     ]
-    parts += [
-        part.moved((-width / 2 + 0.03, depth - 0.02, height)) for part in _filling(rng, width - 0.06, 0.3, depth - 0.03)
-    ]
-    return built(parts)
+    things = _filling(rng, width - 0.06, 0.3, depth - 0.045)
+    return built([*parts, *(thing.moved((-width / 2 + 0.03, depth - 0.02, height)) for thing in things)])
 
 
 def box_stack(rng: Rng) -> Built:

@@ -11,12 +11,23 @@ from pcdbench.datasets.synthetic.furniture.piece import (
     arc_band,
     built,
     chance,
+    leaning_leg,
     pick,
     round_rectangle,
     tint,
 )
 from pcdbench.datasets.synthetic.mesh import Mesh
-from pcdbench.datasets.synthetic.primitives import box, boxes, cylinder, frustum, lathe, prism, rounded_box, tube
+from pcdbench.datasets.synthetic.primitives import (
+    box,
+    boxes,
+    cylinder,
+    frustum,
+    lathe,
+    prism,
+    profile_prism,
+    rounded_box,
+    tube,
+)
 
 _TOPS = ("wood", "wood", "wood", "board")
 _FRAMES = ("painted_metal", "black_metal", "brushed_steel", "colored_metal")
@@ -75,17 +86,12 @@ def _legs(rng: Rng, width: float, depth: float, height: float, kind: str) -> lis
             *(rounded_box((0.09, depth - 0.06, 0.035), (p[0], 0, 0.0175), 0.015, frame, color) for p in place),
             box((2 * x - 0.16, 0.06, 0.04), (0, 0.02, height - 0.03), frame, color),
         ]
-    corners = [(sx, sy) for sx in (-1, 1) for sy in (-1, 1)]
-    splay = 0.03
+    wide, close = np.array([x, y]) + 0.03, np.array([x, y]) - 0.03
+    legs = pick(rng, ("wood", frame))
     return [
-        tube(
-            [[sx * (x + splay), sy * (y + splay), 0.0], [sx * (x - splay), sy * (y - splay), height]],
-            [0.018, 0.03],
-            pick(rng, ("wood", frame)) if i < 0 else frame,
-            color,
-            segments=8,
-        ).deformed(lambda v: np.column_stack([v[:, :2], np.clip(v[:, 2], 0.0, height)]))
-        for i, (sx, sy) in enumerate(corners)
+        leaning_leg((a * wide[0], b * wide[1]), (a * close[0], b * close[1]), height, (0.018, 0.03), legs, color)
+        for a in (-1, 1)
+        for b in (-1, 1)
     ]
 
 
@@ -153,18 +159,11 @@ def round_table(rng: Rng) -> Built:
             )
     else:
         reach = radius * 0.7
-        feet = np.array([[sx * reach, sy * reach] for sx in (-1, 1) for sy in (-1, 1)])
-        for foot_xy in feet:
-            parts.append(
-                _upright(tube([[*foot_xy, 0], [*(foot_xy * 0.7), height - 0.03]], [0.018, 0.028], "wood", base_tint))
-            )
+        for a, b in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            outer, inner = (a * reach, b * reach), (a * reach * 0.7, b * reach * 0.7)
+            parts.append(leaning_leg(outer, inner, height - 0.03, (0.018, 0.028), "wood", base_tint))
     side = radius * 1.3
     return built(parts, Top((0.0, 0.0), (side, side), height))
-
-
-def _upright(leg: Mesh) -> Mesh:
-    """A leaning tube cut level at the floor."""
-    return leg.deformed(lambda v: np.column_stack([v[:, :2], np.maximum(v[:, 2], 0.0)]))
 
 
 def meeting_table(rng: Rng) -> Built:
@@ -217,8 +216,10 @@ def coffee_table(rng: Rng) -> Built:
         parts = [cylinder(radius, 0.03, (0, 0, height - 0.03), material, color, 28)]
         for k in range(3):
             angle = 2 * np.pi * k / 3
-            at = np.array([np.cos(angle), np.sin(angle)]) * radius
-            parts.append(_upright(tube([[*(at * 0.92), 0], [*(at * 0.6), height - 0.03]], 0.016, "black_metal")))
+            x, y = radius * np.cos(angle), radius * np.sin(angle)
+            parts.append(
+                leaning_leg((x * 0.92, y * 0.92), (x * 0.6, y * 0.6), height - 0.03, (0.016, 0.016), "black_metal")
+            )
         return built(parts, Top((0.0, 0.0), (radius * 1.3, radius * 1.3), height))
     width, depth = rng.uniform(0.8, 1.2), rng.uniform(0.5, 0.65)
     x, y = width / 2 - 0.04, depth / 2 - 0.04
@@ -267,10 +268,8 @@ def podium(rng: Rng) -> Built:
     """A lectern with a slanted top and a microphone on a gooseneck."""
     width, height, color = rng.uniform(0.5, 0.7), rng.uniform(1.0, 1.15), tint(rng)
     material = pick(rng, ("wood", "board", "wood"))
-    body = prism(
-        [(-0.17, 0.0), (0.17, 0.0), (0.2, height), (-0.2, height - 0.14)], -width / 2, width / 2, material, color
-    )
-    body = Mesh(body.vertices[:, [2, 0, 1]], body.triangles, body.materials, body.tints)
+    side = [(-0.17, 0.0), (0.17, 0.0), (0.2, height), (-0.2, height - 0.14)]
+    body = profile_prism(side, -width / 2, width / 2, material, color)
     top = rounded_box((width + 0.1, 0.5, 0.03), (0, 0, 0), 0.01, material, color).rotated("x", 0.34)
     neck = [[0.15, 0.15, height], [0.15, 0.16, height + 0.2], [0.15, 0.12, height + 0.3], [0.15, 0.05, height + 0.33]]
     parts = [
