@@ -31,6 +31,7 @@ _THINNEST = 1e-5
 # More than this is thinned at random before the Poisson-disk sample, whose cost grows with its source.
 _MOST_TO_SAMPLE = 2_000_000
 _SMALLEST_M, _LARGEST_M = 0.5, 500.0
+_HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 # Folders of scans hold notes and tables under these extensions too.
 _NOTES_EXTENSIONS = (".txt", ".csv")
 
@@ -182,10 +183,20 @@ def _digest_of_version(path: Path, size: int, modified_ns: int) -> str:
 
 def _without_duplicates(cloud: PointCloud) -> PointCloud:
     """The cloud without the points that repeat an earlier one's coordinates."""
-    import pandas as pd
-
-    repeated = pd.DataFrame(cloud.points).duplicated().to_numpy()
-    return cloud.select(~repeated) if repeated.any() else cloud
+    # Equal points have equal hashes: only the few that share one are compared, which is fast for millions.
+    bits = (cloud.points + 0.0).view(np.uint64)
+    bits ^= bits >> np.uint64(32)
+    hashes = bits @ _HASH_FACTORS
+    order = np.argsort(hashes, kind="stable")
+    same = np.diff(hashes[order]) == 0
+    suspects = np.sort(order[np.append(same, False) | np.insert(same, 0, False)])
+    if not len(suspects):
+        return cloud
+    _, first = np.unique(cloud.points[suspects], axis=0, return_index=True)
+    kept = np.ones(len(cloud), dtype=bool)
+    kept[suspects] = False
+    kept[suspects[first]] = True
+    return cloud.select(kept)
 
 
 def _require_surface(cloud: PointCloud, path: Path) -> None:
