@@ -1,0 +1,115 @@
+"""The completer `hole_filling`: near neighbours make a mesh, its holes are closed; the input is kept."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+import pcdbench
+from pcdbench import Completer, PointCloud
+from pcdbench.geometry.sampling import poisson_disk_indices
+from pcdbench.threads import thread_count
+
+from .inpainting import inpainted_colors
+from .normals import unoriented_normals
+from .triangulation import hole_triangles
+
+MAX_MESH_POINTS = 60_000
+CANDIDATES_PER_POINT = 5
+MAX_CANDIDATES = 500_000
+FEWEST_POINTS = 20
+
+
+class HoleFillingOptions(pcdbench.Options):
+    """Options of `hole_filling`."""
+
+    max_edge_m: float = Field(2.5, gt=0, description="longest edge of a triangle that may close a hole, metres")
+    link: float = Field(
+        2.0, gt=1, description="points closer than this many typical spacings are joined; longer edges span a hole"
+    )
+    min_gap_deg: float = Field(
+        110.0, gt=0, lt=360, description="a point is on a rim if its neighbours leave a sector this wide free"
+    )
+    min_cosine: float = Field(
+        0.6,
+        ge=0,
+        le=1,
+        description="cosine of the most that a triangle may turn from the surface at its corners",
+    )
+    emptiness: float = Field(
+        0.9, gt=0, le=1, description="share of a triangle's smallest ball, by radius, that must hold no point"
+    )
+
+
+class HoleFilling(Completer):
+    """Closes the holes of the mesh of near neighbours with large triangles, and samples those at the input's density.
+
+    The mesh is taken from the Delaunay tetrahedra of the cloud. Triangles with a long edge between rim points are
+    the holes. Their points lie not on the triangles but on the surface that the normals at the corners suggest
+    (Phong tessellation, Boubekeur and Alexa 2008, with the factor 1/2 that is exact for paraboloids).
+    """
+
+    Options = HoleFillingOptions
+    options: HoleFillingOptions
+    citation = "Boubekeur and Alexa, Phong Tessellation, ACM Trans. Graphics 27(5), 2008"
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        """The cloud and, after it, the points that close its holes; a cloud without a surface is returned as it is."""
+        center = cloud.points.mean(axis=0)
+        points = cloud.points - center
+        if len(points) < FEWEST_POINTS:
+            return cloud
+        chosen = poisson_disk_indices(points, MAX_MESH_POINTS, rng)
+        corners = points[chosen]
+        spacing = _typical_spacing(corners)
+        if spacing == 0:
+            return cloud
+        normals = unoriented_normals(corners)
+        triangles = hole_triangles(
+            corners,
+            normals,
+            link_m=self.options.link * spacing,
+            max_edge_m=self.options.max_edge_m,
+            min_gap_deg=self.options.min_gap_deg,
+            min_cosine=self.options.min_cosine,
+            emptiness=self.options.emptiness,
+            rng=rng,
+        )
+        if not len(triangles):
+            return cloud
+        candidates = _surface_points(corners[triangles], normals[triangles], spacing, rng)
+        distances, _ = cKDTree(corners).query(candidates, workers=thread_count())
+        candidates = candidates[distances >= 0.7 * spacing]
+        count = round(len(points) * _area(candidates, spacing) / _area(points, spacing))
+        new_points = candidates[poisson_disk_indices(candidates, count, rng)]
+        colors = None if cloud.colors is None else inpainted_colors(new_points, points, cloud.colors)
+        return PointCloud.concatenate([cloud, PointCloud(new_points + center, colors)])
+
+
+def _typical_spacing(points: NDArray[np.float64]) -> float:
+    """Median distance (metres) to the sixth neighbour: steadier than the first for random and for gridded clouds."""
+    step = max(1, len(points) // 5000)
+    distances, _ = cKDTree(points).query(points[::step], k=7, workers=thread_count())
+    return float(np.median(distances[:, 6]))
+
+
+def _surface_points(
+    corners: NDArray[np.float64], normals: NDArray[np.float64], spacing: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """(M, 3) random points, denser than the cloud, on the curved surface over (T, 3, 3) corners with normals."""
+    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    count = int(min(CANDIDATES_PER_POINT * (1 + areas.sum() / (spacing / 2) ** 2), MAX_CANDIDATES))
+    chosen = rng.choice(len(areas), count, p=areas / areas.sum())
+    weights = rng.dirichlet((1.0, 1.0, 1.0), count)
+    corners, normals = corners[chosen], normals[chosen]
+    flat = np.einsum("nk,nki->ni", weights, corners)
+    heights = np.einsum("nki,nki->nk", corners - flat[:, None], normals)
+    return flat + 0.5 * np.einsum("nk,nk,nki->ni", weights, heights, normals)
+
+
+def _area(points: NDArray[np.float64], spacing: float) -> int:
+    """How many voxels, a little larger than the spacing, the points fill: in proportion to a surface's area."""
+    cells = np.floor(points / (1.2 * spacing)).astype(np.int64)
+    return len(np.unique(cells, axis=0))
