@@ -19,7 +19,10 @@ class Ssim(Task):
 
     class Options(options.Options):
         voxel_spacings: float = Field(
-            4.0, gt=0, description="voxel edge, in median nearest-neighbour distances of the complete cloud"
+            5.0, gt=0, description="voxel edge, in median nearest-neighbour distances of the complete cloud"
+        )
+        voxel_points: int = Field(
+            2, ge=1, description="points a voxel must hold to be seen, so that strays do not hide what is behind"
         )
 
     options: Options
@@ -39,6 +42,10 @@ class Ssim(Task):
         # A margin of one voxel, empty in the truth, takes what was put outside and shows it in front of the room.
         low, high = complete.points.min(axis=0) - edge_m, complete.points.max(axis=0) + edge_m
         grid = VoxelGrid.covering(low, high, edge_m)
-        truth = voxelize(complete.points, complete.colors, grid)
-        answer = voxelize(completed.points, completed.colors, grid)
+        truth = voxelize(complete.points, complete.colors, grid, self.options.voxel_points)
+        if not len(truth.index):
+            raise Skipped(
+                f"no voxel holds {self.options.voxel_points} points of the complete cloud: it is too thin to see"
+            )
+        answer = voxelize(completed.points, completed.colors, grid, self.options.voxel_points)
         return Measurements({"ssim": [six_face_similarity(answer, truth)]})

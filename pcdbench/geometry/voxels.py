@@ -47,7 +47,7 @@ class VoxelGrid:
 
 @dataclass(frozen=True, eq=False)
 class Voxels:
-    """The voxels of a grid that hold points.
+    """The voxels of a grid that hold points enough.
 
     Attributes:
         index: (V, 3) distinct voxels.
@@ -60,8 +60,8 @@ class Voxels:
     shape: tuple[int, int, int]
 
 
-def voxelize(points: NDArray[np.float64], colors: NDArray[np.floating], grid: VoxelGrid) -> Voxels:
-    """The occupied voxels of (N, 3) points, in metres, with the mean of their (N, 3) colours.
+def voxelize(points: NDArray[np.float64], colors: NDArray[np.floating], grid: VoxelGrid, min_points: int = 1) -> Voxels:
+    """The voxels that hold `min_points` or more of (N, 3) points, in metres, with the mean of their (N, 3) colours.
 
     Points outside the grid count in its border, so that they show instead of being forgotten: seen along the
     axis on which they lie outside they keep their place in front of everything further in.
@@ -69,8 +69,9 @@ def voxelize(points: NDArray[np.float64], colors: NDArray[np.floating], grid: Vo
     flat = np.ravel_multi_index(tuple(grid.clamped_index(points).T), grid.shape)
     occupied, voxel_of_point, counts = np.unique(flat, return_inverse=True, return_counts=True)
     sums = [np.bincount(voxel_of_point, weights=channel, minlength=len(occupied)) for channel in colors.T]
-    index = np.stack(np.unravel_index(occupied, grid.shape), axis=1)
-    return Voxels(index, np.stack(sums, axis=1) / counts[:, None], grid.shape)
+    enough = counts >= min_points
+    index = np.stack(np.unravel_index(occupied[enough], grid.shape), axis=1)
+    return Voxels(index, np.stack(sums, axis=1)[enough] / counts[enough, None], grid.shape)
 
 
 def edge_from_density(points: NDArray[np.float64], spacings: float) -> float:

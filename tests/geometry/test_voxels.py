@@ -30,16 +30,17 @@ def test_points_outside_belong_to_the_nearest_border_voxel():
     assert grid.clamped_index(points).tolist() == [[0, 1, 1], [0, 1, 1], [0, 2, 1], [3, 0, 1]]
 
 
-@given(st.integers(0, 2**32), st.integers(0, 200))
-def test_voxels_hold_the_mean_colour_of_their_points(seed, count):
+@given(st.integers(0, 2**32), st.integers(0, 200), st.integers(1, 4))
+def test_voxels_hold_the_mean_colour_of_their_points(seed, count, min_points):
     rng = np.random.default_rng(seed)
     points, colors = rng.normal(0, 1, (count, 3)), rng.random((count, 3)).astype(np.float32)
     grid = VoxelGrid.covering(np.full(3, -1.0), np.full(3, 1.0), 0.7)
-    voxels = voxelize(points, colors, grid)
+    voxels = voxelize(points, colors, grid, min_points)
     expected: dict[tuple[int, ...], list] = {}
     for point, color in zip(points, colors, strict=True):
         key = tuple(min(max(int((point[i] - grid.origin[i]) // 0.7), 0), grid.shape[i] - 1) for i in range(3))
         expected.setdefault(key, []).append(color)
+    expected = {key: members for key, members in expected.items() if len(members) >= min_points}
     assert sorted(expected) == sorted(map(tuple, voxels.index.tolist()))
     for index, color in zip(voxels.index, voxels.colors, strict=True):
         np.testing.assert_allclose(color, np.mean(expected[tuple(index)], axis=0), atol=1e-6)

@@ -7,6 +7,7 @@ import pytest
 from pcdbench_tasks.ssim import Ssim
 
 from pcdbench import Case, PointCloud, Scene, Skipped
+from pcdbench.datasets.synthetic import Indoor
 from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.testing import check_task, small_room
 
@@ -119,7 +120,7 @@ def test_the_place_does_not_matter(generated):
 def test_the_resolution_is_an_option(generated):
     scene, other = generated
     case = case_of(scene)
-    assert ssim(case, other, voxel_spacings=2.0) < ssim(case, other, voxel_spacings=4.0)
+    assert ssim(case, other, voxel_spacings=2.0) < ssim(case, other, voxel_spacings=5.0)
 
 
 def test_what_cannot_be_measured_is_skipped(generated):
@@ -131,9 +132,32 @@ def test_what_cannot_be_measured_is_skipped(generated):
         ssim(case_of(Scene("place", one_place, one_place, np.arange(50))), one_place)
 
 
-def test_a_scene_of_two_points_is_measured():
+def test_a_scene_too_thin_to_see_is_skipped_unless_single_points_count():
     two = PointCloud(np.array([[0.0, 0, 0], [1, 0, 0]]), np.array([[1.0, 0, 0], [0, 1, 0]]))
     scene = Scene("two", two, two, np.arange(2))
     case = Case(scene, "holes", 0.5, 0, np.array([True, False]))
-    assert ssim(case, two) == pytest.approx(1.0)
-    assert np.isfinite(ssim(case, case.cloud))
+    with pytest.raises(Skipped, match="too thin"):
+        ssim(case, two)
+    assert ssim(case, two, voxel_points=1) == pytest.approx(1.0)
+    assert np.isfinite(ssim(case, case.cloud, voxel_points=1))
+
+
+def test_stray_points_before_a_wall_do_not_hide_it(generated):
+    scene, _ = generated
+    truth = scene.complete
+    rng = np.random.default_rng(0)
+    low, size = truth.points.min(axis=0), np.ptp(truth.points, axis=0)
+    stray = PointCloud(low + rng.random((60, 3)) * size + np.array([0, 0, size[2]]), rng.random((60, 3)))
+    with_stray = PointCloud.concatenate([truth, stray])
+    assert ssim(case_of(scene), with_stray) > 0.98
+    assert ssim(case_of(scene), with_stray) > ssim(case_of(scene), with_stray, voxel_points=1) + 0.02
+
+
+def test_the_noise_ceiling_of_a_generated_environment_beats_a_tenth_missing():
+    scene = (indoor := Indoor()).scene(indoor.scene_names("smoke")[0])
+    rest = np.setdiff1d(np.arange(len(scene.dense)), scene.complete_index)
+    other = rest[poisson_disk_indices(scene.dense.points[rest], len(scene.complete), np.random.default_rng(0))]
+    case = case_of(scene, 0.1)
+    ceiling = ssim(case, scene.dense.select(other))
+    assert ceiling >= 0.95
+    assert ceiling > ssim(case, case.cloud)
