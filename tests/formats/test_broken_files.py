@@ -17,8 +17,8 @@ def valid_bytes(path, variant):
     rng = np.random.default_rng(5)
     cloud = PointCloud(rng.uniform(0, 5, (150, 3)), rng.integers(0, 256, (150, 3)) / np.float32(255))
     if variant == "ascii" and path.suffix == ".ply":
-        rows = "".join(f"{x} {y} {z} {i}\n3 0 1 2\n"[:-8] for i, (x, y, z) in enumerate(cloud.points[:60]))
-        header = "element vertex 60\n" + "".join(f"property float {name}\n" for name in "xyz") + "property uchar red\n"
+        rows = "".join(f"{x} {y} {z}\n" for x, y, z in cloud.points[:60])
+        header = "element vertex 60\n" + "".join(f"property float {name}\n" for name in "xyz")
         path.write_text(f"ply\nformat ascii 1.0\n{header}end_header\n{rows}")
     elif variant == "ascii" and path.suffix == ".pcd":
         rows = "".join(f"{x} {y} {z}\n" for x, y, z in cloud.points[:60])

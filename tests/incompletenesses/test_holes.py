@@ -112,10 +112,10 @@ def test_share_per_seed_must_be_a_share():
 
 def test_20000_points_at_half_take_a_moment():
     points = np.random.default_rng(8).uniform(0, 5, (20_000, 3))
-    seconds = []
+    seconds = []  # of the processor: other programs must not fail this
     for seed in range(7):
-        start = time.perf_counter()
+        start = time.process_time()
         kept_of(points, 0.5, seed)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     print(f"fastest of 7: {min(seconds) * 1000:.1f} ms")
     assert min(seconds) < 0.03
