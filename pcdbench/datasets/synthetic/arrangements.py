@@ -67,7 +67,7 @@ def furnish(placement: Placement, room: Room) -> None:
     _walls(placement, room)
     _ceiling(placement, room)
     area = float(np.prod(np.ptp(room.outline, axis=0)))
-    _clutter(placement, room, int(placement.rng.integers(1, 3 + int(area / 14))))
+    _clutter(placement, room, int(placement.rng.integers(2, 5 + int(area / 9))))
 
 
 def _any(placement: Placement, names: list[str]) -> str:
@@ -181,7 +181,7 @@ def _stores(placement: Placement, room: Room, count: int, names: list[str] = STO
 
 def _walls(placement: Placement, room: Room) -> None:
     perimeter = float(np.hypot(*(np.roll(room.outline, -1, axis=0) - room.outline).T).sum())
-    for _ in range(int(placement.rng.integers(2, 4 + int(perimeter / 5)))):
+    for _ in range(int(placement.rng.integers(4, 6 + int(perimeter / 3.5)))):
         placement.at_wall(room, _any(placement, WALL_THINGS), off_m=0.0, tries=6)
 
 
@@ -250,7 +250,7 @@ def _office(placement: Placement, room: Room) -> None:
         if desk:
             done += 1
             _workplace(placement, room, desk)
-    _stores(placement, room, int(rng.integers(2, 5)))
+    _stores(placement, room, int(rng.integers(3, 7)))
     if area > 17 and rng.uniform() < 0.6:
         _group_somewhere(placement, room, "round_table", TABLE_THINGS)
     _plants(placement, room, int(rng.integers(0, 3)))
@@ -306,7 +306,7 @@ def _meeting(placement: Placement, room: Room) -> None:
         name = name if attempt < 2 else "round_table"
     placement.at_wall(room, _any(placement, ["wall_whiteboard", "wall_screen", "notice_board"]), off_m=0.0)
     placement.at_wall(room, _any(placement, ["wall_screen", "projector_screen", "wall_whiteboard"]), off_m=0.0)
-    _stores(placement, room, int(rng.integers(1, 3)), ["filing_cabinet", "cabinet", "bookcase"])
+    _stores(placement, room, int(rng.integers(2, 5)), ["filing_cabinet", "cabinet", "bookcase"])
     _plants(placement, room, int(rng.integers(0, 3)))
     _sundries(placement, room, ["whiteboard_stand", "coat_stand", "waste_bin", "chair", "podium"], 3)
 
@@ -444,7 +444,7 @@ def _lounge(placement: Placement, room: Room) -> None:
         sofa = placement.at_wall(room, "sofa", off_m=0.05)
         if sofa:
             placement.on_top(room, sofa, ["cushion"], 0.8, 3)
-    _stores(placement, room, int(rng.integers(1, 4)), ["bookcase", "filing_cabinet", "cabinet"])
+    _stores(placement, room, int(rng.integers(2, 5)), ["bookcase", "filing_cabinet", "cabinet"])
     if rng.uniform() < 0.5:
         _group_somewhere(placement, room, "round_table", TABLE_THINGS)
     _plants(placement, room, int(rng.integers(1, 4)))
@@ -473,7 +473,7 @@ def _storage(placement: Placement, room: Room) -> None:
 def _corridor(placement: Placement, room: Room) -> None:
     rng = placement.rng
     length = float(np.ptp(room.outline, axis=0).max())
-    for _ in range(int(rng.integers(2, 3 + int(length / 3)))):
+    for _ in range(int(rng.integers(3, 4 + int(length / 1.8)))):
         name = _any(
             placement,
             [
@@ -533,9 +533,9 @@ def _lobby(placement: Placement, room: Room) -> None:
             placement.on_top(room, counter, ["monitor", "book_pile", "paper_stack", "vase", "telephone"], 1.0, 4)
             break
     area = float(np.prod(high - low))
-    for _ in range(int(area / 28)):
+    for _ in range(int(area / 20)):
         _seating_somewhere(placement, room, 6)
-    for _ in range(int(area / 50)):
+    for _ in range(int(area / 30)):
         _group_somewhere(placement, room, "round_table", TABLE_THINGS)
     for _ in range(4):
         placement.at_wall(
@@ -569,8 +569,8 @@ def _open_plan(placement: Placement, room: Room) -> None:
                 _seating(placement, room, float(at[0]), float(at[1]), float(rng.integers(0, 2)) * np.pi / 2)
             else:
                 _table_group(placement, room, "meeting_table", float(at[0]), float(at[1]), 0.0, TABLE_THINGS)
-    _stores(placement, room, int(rng.integers(5, 9)))
-    for _ in range(int(rng.integers(3, 8))):
+    _stores(placement, room, int(rng.integers(8, 14)))
+    for _ in range(int(rng.integers(6, 13))):
         placement.somewhere(
             room,
             _any(placement, ["partition", "filing_cabinet", "plant", "filing_cabinet", "whiteboard_stand"]),

@@ -12,6 +12,7 @@ from pcdbench.datasets.synthetic.environment import Environment, Floats
 from pcdbench.datasets.synthetic.layouts import LARGE_KINDS
 from pcdbench.datasets.synthetic.scanning import Survey, scan
 from pcdbench.geometry.sampling import poisson_disk_indices
+from pcdbench.geometry.visibility import panorama_directions
 from pcdbench.scene import TaggedObject
 
 COMPLETE_POINTS = 20_000
@@ -104,7 +105,12 @@ def _standing_places(environment: Environment) -> Floats:
     parts, _ = label(walkable)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
-    good = (floor.clearance >= CENTER_CLEARANCE_M + 0.1) & (area > WALKABLE_M2) & (sizes[parts] > 100 * WALKABLE_M2) & floor.central
+    good = (
+        (floor.clearance >= CENTER_CLEARANCE_M + 0.1)
+        & (area > WALKABLE_M2)
+        & (sizes[parts] > 100 * WALKABLE_M2)
+        & floor.central
+    )
     if not good.any():
         good = floor.clearance >= floor.clearance.max() - 0.05
     return floor.centers(np.argwhere(good))
@@ -113,9 +119,7 @@ def _standing_places(environment: Environment) -> Floats:
 def _seen_extent(environment: Environment, box: tuple[Floats, Floats]) -> Floats | None:
     """(2, 2) lowest and highest x, y that a quick survey sees in the box."""
     quick = _stations(environment, box, 6)
-    from pcdbench.geometry.visibility import panorama_directions
-
-    rays = panorama_directions(2.5, -50.0, 30.0)
+    rays = panorama_directions(4.0, -50.0, 30.0)
     found = []
     for station in quick:
         range_m = environment.raycaster.cast(station, rays).range_m
@@ -123,7 +127,7 @@ def _seen_extent(environment: Environment, box: tuple[Floats, Floats]) -> Floats
         points = station + rays[hit] * range_m[hit, None]
         found.append(points[((points >= box[0]) & (points <= box[1])).all(axis=1)])
     points = np.concatenate(found) if found else np.empty((0, 3))
-    if len(points) < 500:
+    if len(points) < 200:
         return None
     return np.stack([points[:, :2].min(axis=0), points[:, :2].max(axis=0)])
 
@@ -144,7 +148,7 @@ def _survey(environment: Environment, box: tuple[Floats, Floats], rng: np.random
     if len(stations) > 2 and rng.uniform() < 0.25:
         stations = np.delete(stations, int(rng.integers(0, len(stations))), axis=0)
     turns = rng.uniform(-np.pi, np.pi, len(stations))
-    survey = Survey(np.column_stack([stations, turns]), False, 0.3 if large else 0.26, ceiling, 25.0)
+    survey = Survey(np.column_stack([stations, turns]), False, 0.34 if large else 0.3, ceiling, 25.0)
     if large or rng.uniform() > 0.25:
         return survey
     places = np.repeat(stations, 12, axis=0) + rng.normal(0.0, 0.25, (12 * len(stations), 3)) * [1.0, 1.0, 0.3]

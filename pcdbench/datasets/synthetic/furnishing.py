@@ -14,7 +14,7 @@ from pcdbench.datasets.synthetic.placement import Footprint, Placement
 from pcdbench.datasets.synthetic.plan import Floats, Plan, contains
 
 STATION_HEIGHT_M = 1.5
-STATION_AREA_M2 = 16.0
+STATION_AREA_M2 = 20.0
 STATION_CLEARANCE_M = 0.35
 
 

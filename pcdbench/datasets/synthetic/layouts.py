@@ -55,7 +55,7 @@ def plan_of(kind: str, rng: np.random.Generator) -> Plan:
 
 def _room(use: str, outline: Floats, rng: np.random.Generator, height: float) -> Room:
     choice = rng.uniform()
-    ceiling = "tiles" if choice < 0.5 else "plain" if choice < 0.8 else "open"
+    ceiling = "tiles" if choice < 0.4 else "plain" if choice < 0.65 else "open"
     return Room(
         use=use,
         outline=outline,

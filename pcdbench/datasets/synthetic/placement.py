@@ -13,7 +13,7 @@ from pcdbench.datasets.synthetic.plan import Floats, Plan, Room, contains
 from pcdbench.scene import Box, TaggedObject
 
 DOOR_DEPTH_M = 1.0
-ON_FLOOR_M = 0.02
+MODELS = 4
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,9 @@ class Footprint:
             return False
         turn = other.yaw_rad - self.yaw_rad
         c, s = abs(np.cos(turn)), abs(np.sin(turn))
-        for a, b, ex, ey, yaw in (
-            (self, other, self.half_x, self.half_y, self.yaw_rad),
-            (other, self, other.half_x, other.half_y, other.yaw_rad),
-        ):
-            cos, sin = np.cos(yaw), np.sin(yaw)
+        for one, b in ((self, other), (other, self)):
+            ex, ey = one.half_x, one.half_y
+            cos, sin = np.cos(one.yaw_rad), np.sin(one.yaw_rad)
             along, across = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
             if along > ex + b.half_x * c + b.half_y * s + gap or across > ey + b.half_x * s + b.half_y * c + gap:
                 return False
@@ -86,6 +84,7 @@ class Placement:
         self.placed: list[Placed] = []
         self.solid: list[Footprint] = [Footprint(x, y, half, half, 0.0, 0.0, 9.0) for x, y, half, _ in plan.columns]
         self.kept_clear: list[Footprint] = []
+        self.models: dict[str, list[Built]] = {}
         for opening in plan.openings:
             if opening.z0 < 0.1 and opening.kind in ("door", "passage"):
                 along = (opening.end - opening.start) / opening.width
@@ -94,8 +93,12 @@ class Placement:
                 self.kept_clear.append(Footprint(x, y, opening.width / 2 + 0.1, DOOR_DEPTH_M, yaw, 0.0, 2.3))
 
     def build(self, name: str) -> Built:
-        """A fresh one of a piece, drawn at random."""
-        return FURNITURE[name].build(np.random.default_rng(int(self.rng.integers(0, 2**63))))
+        """One of a piece: of each kind a building holds a few models, as real ones do."""
+        models = self.models.setdefault(name, [])
+        if len(models) < MODELS:
+            models.append(FURNITURE[name].build(np.random.default_rng(int(self.rng.integers(0, 2**63)))))
+            return models[-1]
+        return models[int(self.rng.integers(0, len(models)))]
 
     def put(
         self,
@@ -134,7 +137,8 @@ class Placement:
         if not contains(room.outline, footprint.corners()).all() or footprint.holds(room.outline):
             return False
         allowed = None if beside is None else beside.footprint
-        if any(footprint.meets(other, gap) for other in self.solid if other is not allowed):
+        near = [other for other in self.solid if abs(other.x - footprint.x) < 4.5 and abs(other.y - footprint.y) < 4.5]
+        if any(footprint.meets(other, gap) for other in near if other is not allowed):
             return False
         return footprint.z0 > 2.0 or not any(footprint.meets(other, 0.0) for other in self.kept_clear)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +55,9 @@ class Scan:
 def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], rng: np.random.Generator) -> Scan:
     """What the survey brings home from within `box` (lowest and highest corner)."""
     parts = [_returns(environment, survey, pose, box, rng) for pose in survey.poses]
-    points, normals, triangles, station = (np.concatenate([part[k] for part in parts]) for k in range(4))
+    points, normals, triangles = (np.concatenate([part[k] for part in parts]) for k in range(3))
     kept = _thinned(points, rng)
-    points, normals, triangles, station = points[kept], normals[kept], triangles[kept], station[kept]
+    points, normals, triangles = points[kept], normals[kept], triangles[kept]
     colors = shaded_colors(environment, points, normals, triangles)
     exposure = np.clip(rng.normal(1.0, 0.035, (len(parts), 3)) * rng.normal(1.0, 0.05, (len(parts), 1)), 0.8, 1.2)
     first_frame = np.cumsum([0] + [len(part[0]) for part in parts])
@@ -67,7 +68,7 @@ def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], r
 
 def _returns(
     environment: Environment, survey: Survey, pose: Floats, box: tuple[Floats, Floats], rng: np.random.Generator
-) -> tuple[Floats, Floats, NDArray[np.int64], NDArray[np.int64]]:
+) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Points, normals and triangles that one station or frame measured within the box."""
     cos, sin = np.cos(pose[3]), np.sin(pose[3])
     R_scene_scanner = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
@@ -77,26 +78,30 @@ def _returns(
         c, s = np.cos(tilt), np.sin(tilt)
         seen = level @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     else:
-        seen = panorama_directions(survey.step_deg, -62.0, 90.0 if survey.ceiling else 12.0)
+        seen = _panorama(survey.step_deg, 90.0 if survey.ceiling else 12.0)
     directions = seen @ R_scene_scanner.T
     hits = environment.raycaster.cast(pose[:3], directions)
-    range_m = hits.range_m
-    incidence = -np.einsum("ij,ij->i", hits.normals, directions)
-    triangle = environment.opaque[hits.triangle]
-    materials = environment.mesh.materials[triangle]
-    lost = np.array([1.0 if material.mirror else material.dropout for material in MATERIALS])[materials]
+    reached = np.where(np.isfinite(hits.range_m), hits.range_m, 0.0)
+    ends = pose[:3] + directions * reached[:, None]
+    near = (reached > 0.3) & (reached < survey.max_range_m)
+    near &= ((ends > box[0] - 0.5) & (ends < box[1] + 0.5)).all(axis=1)
+    rows = np.flatnonzero(near)
+    beyond = np.roll(reached, -1)[rows]
+    towards, range_m, normals = directions[rows], reached[rows], hits.normals[rows]
+    triangle = environment.opaque[hits.triangle[rows]]
+    incidence = -np.einsum("ij,ij->i", normals, towards)
+    lost = np.array([1.0 if material.mirror else material.dropout for material in MATERIALS])
     # At grazing incidence little light comes back, the less the farther away.
-    back = np.clip(incidence * 14.0 / np.maximum(1.0, range_m / 4.0), 0.0, 1.0) * (1.0 - lost)
-    returned = np.isfinite(range_m) & (range_m < survey.max_range_m) & (rng.uniform(size=len(range_m)) < back)
-    measured = np.where(np.isfinite(range_m), range_m, 0.0)
-    sigma = (0.002 if not survey.hand_held else 0.003) + 0.0006 * measured
-    noisy = measured + rng.normal(0.0, 1.0, len(measured)) * np.minimum(sigma, 0.007)
+    back = np.clip(incidence * 14.0 / np.maximum(1.0, range_m / 4.0), 0.0, 1.0)
+    back *= 1.0 - lost[environment.mesh.materials[triangle]]
+    returned = rng.uniform(size=len(rows)) < back
+    sigma = np.minimum((0.003 if survey.hand_held else 0.002) + 0.0006 * range_m, 0.007)
+    noisy = range_m + rng.normal(0.0, 1.0, len(rows)) * sigma
     # Mixed pixels: a beam on a depth edge returns something between its two surfaces.
-    other = np.roll(measured, -1)
-    edge = np.isfinite(range_m) & (other > 0) & (np.abs(other - measured) > 0.15) & (np.abs(other - measured) < 3.0)
-    mixed = edge & (rng.uniform(size=len(edge)) < MIXED_SHARE)
-    noisy = np.where(mixed, measured + (other - measured) * rng.uniform(size=len(edge)), noisy)
-    points = pose[:3] + directions * noisy[:, None]
+    step = np.where(beyond > 0, np.abs(beyond - range_m), 0.0)
+    mixed = (step > 0.15) & (step < 3.0) & (rng.uniform(size=len(rows)) < MIXED_SHARE)
+    noisy = np.where(mixed, range_m + (beyond - range_m) * rng.uniform(size=len(rows)), noisy)
+    points = pose[:3] + towards * noisy[:, None]
     inside = np.flatnonzero(returned & (points >= box[0]).all(axis=1) & (points <= box[1]).all(axis=1))
     # Stations are registered to each other with a small error.
     offset, turn = rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003)
@@ -104,7 +109,13 @@ def _returns(
     arm = moved - pose[:3]
     moved[:, 0] -= turn * arm[:, 1]
     moved[:, 1] += turn * arm[:, 0]
-    return moved, hits.normals[inside], triangle[inside], inside
+    return moved, normals[inside], triangle[inside]
+
+
+@lru_cache(maxsize=4)
+def _panorama(step_deg: float, max_elevation_deg: float) -> Floats:
+    """The directions of a scanner's rays in its own frame; the tripod hides what is right below it."""
+    return panorama_directions(step_deg, -62.0, max_elevation_deg)
 
 
 def _thinned(points: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
