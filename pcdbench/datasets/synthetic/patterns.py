@@ -212,7 +212,7 @@ def keys(palette: Palette) -> Texture:
         row = np.floor(surface.uv[:, 1] / 0.019)
         along = surface.uv[:, 0] / 0.019 + 0.25 * (row % 4)
         gap = (along - np.floor(along) < 0.2) | (surface.uv[:, 1] / 0.019 - row < 0.2)
-        return shaded(base_color(surface, palette), np.where(gap & surface.flat, 0.45, 1.0))
+        return shaded(base_color(surface, palette), np.where(gap, 0.45, 1.0))
 
     return texture
 

@@ -145,7 +145,8 @@ def desk_lamp(rng: Rng) -> Built:
                 sphere(0.035, (0, 0, height - 0.1), "lamp"),
             ]
         )
-    elbow, head = [-0.12, 0.0, 0.32], [0.14, 0.0, 0.46]
+    elbow = [-rng.uniform(0.08, 0.15), 0.0, rng.uniform(0.28, 0.35)]
+    head = [rng.uniform(0.1, 0.17), 0.0, rng.uniform(0.38, 0.48)]
     bell = lathe([(0.075, -0.1), (0.06, -0.03), (0.02, 0.02), (0, 0.02)], metal, color).rotated("y", -0.5)
     parts = [
         lathe([(0, 0), (0.09, 0), (0.09, 0.012), (0.02, 0.025), (0, 0.025)], metal, color),
@@ -172,7 +173,8 @@ def telephone(rng: Rng) -> Built:
         box((0.09, 0.05, 0.004), (-0.035, -0.055, 0.078), "screen", color),
         tube(receiver, [0.024, 0.014, 0.014, 0.024], material, color),
     ]
-    return built(parts)
+    size = rng.uniform(0.9, 1.1)
+    return built([part.scaled(size) for part in parts])
 
 
 def pen_cup(rng: Rng) -> Built:

@@ -79,7 +79,7 @@ def round_lamp(rng: Rng) -> Built:
     """A flat round lamp at the ceiling."""
     radius = rng.uniform(0.14, 0.26)
     dome = [(0, -0.09), (radius * 0.6, -0.08), (radius * 0.92, -0.045), (radius, 0.0)]
-    return built([lathe(dome, "lamp", tint(rng), segments=24), torus(radius, 0.014, (0, 0, -0.012), "brushed_steel")])
+    return built([lathe(dome, "lamp", tint(rng), segments=24), torus(radius, 0.014, (0, 0, -0.015), "brushed_steel")])
 
 
 def spot_track(rng: Rng) -> Built:
