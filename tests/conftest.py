@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -58,8 +59,37 @@ def half_room(room: Scene) -> Case:
 
 
 @pytest.fixture(scope="session")
+def tracked_files() -> list[str]:
+    """What git tracks and the working tree holds."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("not a git checkout")
+    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+@pytest.fixture(scope="session")
+def source(tracked_files: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what is tracked: building leaves files behind."""
+    folder = tmp_path_factory.mktemp("pcdbench") / "source"
+    for name in tracked_files:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, folder / name)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def wheel(source: Path) -> Path:
+    """pcdbench as a wheel."""
+    pip = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
+    done = subprocess.run([*pip, "-w", source.parent, source], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    (built,) = source.parent.glob("pcdbench-*.whl")
+    return built
+
+
+@pytest.fixture(scope="session")
 def install_fresh() -> Callable[..., Path]:
-    """Installs a package into a fresh environment that sees what is installed here: `(folder, *what)`.
+    """Installs packages into a fresh environment that has our dependencies: `(folder, *what)`.
 
     Returns the environment's interpreter. Nothing is downloaded.
     """
@@ -68,9 +98,8 @@ def install_fresh() -> Callable[..., Path]:
         subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder], check=True)
         python = folder / "bin" / "python"
         (own,) = (folder / "lib").glob("python*/site-packages")
-        # Executed at start, so that editable installs, which are .pth files themselves, are seen too.
-        outer = sysconfig.get_path("purelib")
-        (own / "outer.pth").write_text(f"import site; site.addsitedir({outer!r})\n")
+        # A path alone: editable installs there, pcdbench's own say, are .pth files too and stay unseen.
+        (own / "outer.pth").write_text(sysconfig.get_path("purelib") + "\n")
         pip = [sys.executable, "-m", "pip", "--python", python, "install", "-q", "--ignore-installed"]
         offline = ["--no-deps", "--no-build-isolation", "--no-index"]
         done = subprocess.run([*pip, *offline, *what], capture_output=True, text=True)

@@ -16,16 +16,16 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "pcdbench-example"
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def example(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A copy of the example: building leaves files behind."""
     ignored = shutil.ignore_patterns("build", "*.egg-info")
     return shutil.copytree(EXAMPLE, tmp_path_factory.mktemp("example") / "source", ignore=ignored)
 
 
 @pytest.fixture(scope="module")
-def python(source: Path, install_fresh: Callable[..., Path]) -> Path:
-    """The interpreter of a fresh environment that holds the example."""
-    return install_fresh(source.parent / "env", source)
+def python(example: Path, wheel: Path, install_fresh: Callable[..., Path]) -> Path:
+    """The interpreter of a fresh environment that holds pcdbench and the example."""
+    return install_fresh(example.parent / "env", wheel, example)
 
 
 def run(command: list) -> str:
@@ -75,5 +75,5 @@ def test_it_runs_on_a_folder_of_scans(python: Path, room: Scene, tmp_path: Path)
     assert 1.0 > covered[0] > covered[1] > 0.7
 
 
-def test_its_own_tests_pass_there(python: Path, source: Path) -> None:
-    assert "2 passed" in run([python, "-m", "pytest", "-p", "no:cacheprovider", source / "tests"])
+def test_its_own_tests_pass_there(python: Path, example: Path) -> None:
+    assert "2 passed" in run([python, "-m", "pytest", "-p", "no:cacheprovider", example / "tests"])

@@ -1,7 +1,6 @@
 """Wheel and editable install hold every package, and the constraints pin every dependency."""
 
 import ast
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -21,51 +20,25 @@ CONFIG = tomllib.loads((ROOT / "pyproject.toml").read_text())
 FOLDER_OF_PACKAGE = CONFIG["tool"]["setuptools"]["package-dir"]
 
 
-def tracked_files() -> list[str]:
-    """What git tracks and the working tree holds."""
-    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True)
-    if listed.returncode:
-        pytest.skip("not a git checkout")
-    return [name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
-
-
-def modules() -> dict[str, str]:
+@pytest.fixture
+def modules(tracked_files: list[str]) -> dict[str, str]:
     """By tracked Python file of our packages: where it lies once installed."""
     return {
         name: "/".join([package, *Path(name).relative_to(folder).parts])
         for package, folder in FOLDER_OF_PACKAGE.items()
-        for name in tracked_files()
+        for name in tracked_files
         if name.startswith(f"{folder}/") and name.endswith(".py")
     }
 
 
-@pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A copy of what is tracked: building leaves files behind."""
-    folder = tmp_path_factory.mktemp("packaging") / "source"
-    for name in tracked_files():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(ROOT / name, folder / name)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def wheel(source: Path) -> Path:
-    pip = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "--no-index"]
-    done = subprocess.run([*pip, "-w", source.parent, source], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    (built,) = source.parent.glob("pcdbench-*.whl")
-    return built
-
-
-def test_pyproject_lists_every_package() -> None:
-    folders = {".".join(Path(installed).parent.parts) for installed in modules().values()}
+def test_pyproject_lists_every_package(modules: dict[str, str]) -> None:
+    folders = {".".join(Path(installed).parent.parts) for installed in modules.values()}
     assert set(CONFIG["tool"]["setuptools"]["packages"]) == folders
 
 
-def test_the_wheel_holds_every_module_and_nothing_beside(wheel: Path) -> None:
+def test_the_wheel_holds_every_module_and_nothing_beside(wheel: Path, modules: dict[str, str]) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert set(modules().values()) == {name for name in names if name.endswith(".py")}
+    assert set(modules.values()) == {name for name in names if name.endswith(".py")}
     assert "pcdbench/py.typed" in names
     assert any(name.endswith("licenses/LICENSE") for name in names)
     assert {name.split("/")[0] for name in names} == {*FOLDER_OF_PACKAGE, f"pcdbench-{__version__}.dist-info"}
@@ -126,11 +99,11 @@ def test_every_dependency_direct_or_not_is_pinned_to_a_version_it_accepts() -> N
                 waiting.append((one, name))
 
 
-def test_imports_are_declared_and_declared_dependencies_imported() -> None:
+def test_imports_are_declared_and_declared_dependencies_imported(modules: dict[str, str]) -> None:
     declared = {canonicalize_name(Requirement(text).name) for text in CONFIG["project"]["dependencies"]}
     distribution = {"skimage": "scikit-image"}
     used = set()
-    for path in modules():
+    for path in modules:
         for node in ast.walk(ast.parse((ROOT / path).read_text())):
             names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:

@@ -18,12 +18,14 @@ def block(language: str) -> str:
     return text
 
 
-def test_the_completer_of_the_readme_keeps_its_contract(tmp_path: Path, install_fresh: Callable[..., Path]) -> None:
+def test_the_completer_of_the_readme_keeps_its_contract(
+    tmp_path: Path, wheel: Path, install_fresh: Callable[..., Path]
+) -> None:
     package = tmp_path / "mirror"
     package.mkdir()
     (package / "mirror.py").write_text(block("python"))
     (package / "pyproject.toml").write_text(block("toml"))
-    python = install_fresh(tmp_path / "env", package)
+    python = install_fresh(tmp_path / "env", wheel, package)
     check = "import mirror, pcdbench.testing; pcdbench.testing.check_completer(mirror.Mirror)"
     subprocess.run([python, "-c", check], cwd="/", check=True)
     listed = subprocess.run([python, "-m", "pcdbench", "list"], cwd="/", capture_output=True, text=True).stdout
