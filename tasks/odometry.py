@@ -38,9 +38,7 @@ def kiss_icp_poses(
     estimated = []
     for T_scene_sensor in true:
         directions = random_directions(options.live_points, *options.fov_deg, rng)
-        points = cast_scan(
-            surfels.raycaster, T_scene_sensor, directions, options.max_range_m, options.noise_m, rng
-        )
+        points = cast_scan(surfels.raycaster, T_scene_sensor, directions, options.max_range_m, options.noise_m, rng)
         if len(points):
             odometry.register_frame(points, np.zeros(len(points)))
         estimated.append(true[0] @ odometry.last_pose)

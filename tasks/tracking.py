@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from pcdbench import options
@@ -44,7 +43,9 @@ class Tracking(Task):
         step_m: float = Field(0.06, gt=0, description="length of a step")
         turn_deg: float = Field(2.0, ge=0, description="most that the heading changes in a step")
         fov_deg: tuple[float, float] = Field((77.0, 60.0), description="field of view, horizontal and vertical")
-        reference_fov_deg: tuple[float, float] = Field((110.0, 90.0), description="what is cut from the completed cloud")
+        reference_fov_deg: tuple[float, float] = Field(
+            (110.0, 90.0), description="what is cut from the completed cloud"
+        )
         max_range_m: float = Field(6.0, gt=0, description="range of both")
         live_points: int = Field(3000, ge=20, description="rays of a live scan")
         noise_m: float = Field(0.01, ge=0, description="standard deviation of a live range, metres")

@@ -137,21 +137,25 @@ def floor_height(points: NDArray[np.float64]) -> float:
     return float(np.median(layer))
 
 
-def points_on_triangles(
-    vertices: NDArray[np.float64], triangles: NDArray[np.int64], spacing_m: float = 0.8 * CELL_M
-) -> NDArray[np.float64]:
-    """(N, 3) a lattice of points on every triangle, its corners included, no wider than `spacing_m`."""
-    corners = vertices[triangles]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    # Powers of two: a handful of lattices serve all triangles.
-    parts = 2 ** np.ceil(np.log2(np.maximum(edges / spacing_m, 1.0))).astype(int)
-    found = []
-    for count in np.unique(parts):
-        first, second = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
-        inside = first + second <= count
-        weights = np.stack([first[inside], second[inside], count - first[inside] - second[inside]], axis=1) / count
-        found.append(np.einsum("wc,tcd->twd", weights, corners[parts == count]).reshape(-1, 3))
-    return np.concatenate(found) if found else np.empty((0, 3))
+def points_on_triangles(corners: NDArray[np.float64], spacing_m: float = 0.8 * CELL_M) -> NDArray[np.float64]:
+    """(N, 3) points on triangles (T, 3, 3), none of which is farther than `spacing_m` from the next.
+
+    Rows parallel to the longest side, up to the opposite corner; long thin triangles take few.
+    """
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    longest = lengths.argmax(axis=1)
+    turned = np.take_along_axis(corners, ((longest[:, None] + np.arange(3)) % 3)[..., None], axis=1)
+    start, base, side = turned[:, 0], turned[:, 1] - turned[:, 0], turned[:, 2] - turned[:, 0]
+    length = np.maximum(lengths.max(axis=1), 1e-12)
+    altitude = np.linalg.norm(np.cross(base, side), axis=1) / length
+    columns = np.ceil(length / spacing_m).astype(np.int64) + 1
+    rows = np.ceil(altitude / spacing_m).astype(np.int64) + 1
+    count = columns * rows
+    triangle = np.repeat(np.arange(len(corners)), count)
+    within = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+    up = (within // columns[triangle]) / np.maximum(rows - 1, 1)[triangle]
+    along = (within % columns[triangle]) / np.maximum(columns - 1, 1)[triangle] * (1 - up)
+    return start[triangle] + along[:, None] * base[triangle] + up[:, None] * side[triangle]
 
 
 def _cells(points: NDArray[np.float64], corner: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:

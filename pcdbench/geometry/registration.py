@@ -140,4 +140,4 @@ def _sane(found: NDArray[np.float64], guess: Pose) -> Pose:
 
 def _open3d_cloud(points: NDArray[np.float64]) -> Any:
     o3d = load_open3d()
-    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
+    return o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.array(points)))

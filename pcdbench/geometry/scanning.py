@@ -11,11 +11,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from pcdbench.geometry.freespace import FreeSpace, free_space, points_on_triangles
+from pcdbench.geometry.freespace import ANKLE_M, HEAD_M, FreeSpace, floor_height, free_space, points_on_triangles
 from pcdbench.geometry.poses import Pose, inverse, transform
 from pcdbench.geometry.surfels import SurfelCloud
 from pcdbench.geometry.visibility import MeshRaycaster
-from pcdbench.scene import Scene
+from pcdbench.scene import Scene, Surface
 
 MOST_SURFELS = 150_000
 SENSOR_HEIGHT_M = 1.4
@@ -39,7 +39,7 @@ class ScannedScene:
         self.raycaster: MeshRaycaster
         if scene.surface is not None:
             self.raycaster = scene.surface.raycaster  # type: ignore[assignment]
-            obstacles = points_on_triangles(scene.surface.vertices, scene.surface.triangles)
+            obstacles = _obstacles(scene.surface, self.lower, self.upper, floor_height(scene.dense.points))
             self.tolerance_m = BOUNDS_MARGIN_M
         else:
             obstacles = scene.dense.points
@@ -74,6 +74,17 @@ class ScannedScene:
         points = cast_scan(self.raycaster, T_scene_sensor, directions, max_range_m, noise_m, rng)
         placed = transform(T_scene_sensor, points)
         return points[((placed >= self.lower) & (placed <= self.upper)).all(axis=1)]
+
+
+def _obstacles(
+    surface: Surface, lower: NDArray[np.float64], upper: NDArray[np.float64], floor_m: float
+) -> NDArray[np.float64]:
+    """(N, 3) points on what stands in the way within the bounds, glass too: the rest of the mesh costs nothing."""
+    corners = surface.vertices[surface.triangles]
+    least, most = corners.min(axis=1), corners.max(axis=1)
+    inside = (most[:, :2] >= lower[:2]).all(axis=1) & (least[:, :2] <= upper[:2]).all(axis=1)
+    in_the_way = (most[:, 2] > floor_m + ANKLE_M) & (least[:, 2] < floor_m + HEAD_M)
+    return points_on_triangles(corners[inside & in_the_way])
 
 
 _scanned: WeakKeyDictionary[Scene, ScannedScene] = WeakKeyDictionary()

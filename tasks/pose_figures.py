@@ -1,0 +1,139 @@
+"""Figures of localization and tracking: errors by completer, and places seen from above."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+MUTED = {"incomplete": "#9a9a9a", "ground_truth": "#1b1b1b", "resample": "#5f6b76"}
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f3c8d")
+TRUE_COLOR = "#1b1b1b"
+PANELS_A_ROW = 3
+
+
+def error_cdf(rows: pd.DataFrame, metric: str, label: str) -> Figure:
+    """The cumulative distribution of a metric by completer, one panel a level."""
+    figure, axes = _panels(len(rows.level.unique()), share=True)
+    for axis, (level, at_level) in zip(axes, rows.groupby("level"), strict=True):
+        for completer, values, color in _samples(at_level, metric):
+            values = np.sort(values)
+            share = np.arange(1, len(values) + 1) / len(values)
+            axis.step(values, share, where="post", color=color, label=completer, linewidth=1.8)
+        axis.set(title=f"{level:.0%} missing", xlabel=label, xlim=(0, None), ylim=(0, 1.01))
+    axes[0].set_ylabel("share of the samples")
+    _legend(figure, axes)
+    return figure
+
+
+def error_by_step(rows: pd.DataFrame) -> Figure:
+    """The mean tracking error after each step by completer, one panel a level; the band holds the middle half."""
+    figure, axes = _panels(len(rows.level.unique()), share=True)
+    for axis, (level, at_level) in zip(axes, rows.groupby("level"), strict=True):
+        for completer, its, color in _by_completer(at_level):
+            errors = np.array([row["tracking_error_m"] for row in its.samples])
+            steps = np.arange(1, errors.shape[1] + 1)
+            axis.plot(steps, errors.mean(axis=0), color=color, label=completer, linewidth=1.8)
+            if len(errors) > 3:
+                axis.fill_between(steps, *np.quantile(errors, [0.25, 0.75], axis=0), color=color, alpha=0.12, lw=0)
+        axis.set(title=f"{level:.0%} missing", xlabel="step", xlim=(1, None), ylim=(0, None))
+    axes[0].set_ylabel("tracking error (m)")
+    _legend(figure, axes)
+    return figure
+
+
+def locations_from_above(rows: pd.DataFrame) -> Figure:
+    """Estimated against true locations of the first scene at its highest level, one panel a completer."""
+    found = list(_by_completer(_one_case(rows)))
+    figure, axes = _panels(len(found), share=True)
+    for axis, (completer, its, color) in zip(axes, found, strict=True):
+        trace = its.trace.iloc[0]
+        true, estimated = np.array(trace["true"]), np.array(trace["estimated"])
+        for start, end in zip(true, estimated, strict=True):
+            axis.plot([start[0], end[0]], [start[1], end[1]], color=color, linewidth=1, alpha=0.6)
+        axis.scatter(true[:, 0], true[:, 1], s=42, facecolors="white", edgecolors=TRUE_COLOR, label="true", zorder=3)
+        axis.scatter(estimated[:, 0], estimated[:, 1], s=36, marker="x", color=color, label="estimated", zorder=4)
+        axis.scatter(*trace["reference"][:2], s=80, marker="*", color="#e69f00", label="reference", zorder=2)
+        _from_above(axis, completer, np.linalg.norm(estimated - true, axis=1))
+    _legend(figure, axes)
+    figure.suptitle(_case_title(rows))
+    return figure
+
+
+def paths_from_above(rows: pd.DataFrame) -> Figure:
+    """The true and the estimated path of the first scene at its highest level, one panel a completer."""
+    found = list(_by_completer(_one_case(rows)))
+    figure, axes = _panels(len(found), share=True)
+    for axis, (completer, its, color) in zip(axes, found, strict=True):
+        trace = its.trace.iloc[0]
+        true, estimated = np.array(trace["true"]), np.array(trace["estimated"])
+        axis.plot(true[:, 0], true[:, 1], color=TRUE_COLOR, linewidth=3.5, alpha=0.25, label="true")
+        axis.plot(estimated[:, 0], estimated[:, 1], ".-", color=color, linewidth=1.3, markersize=4, label="estimated")
+        axis.scatter(*true[0, :2], s=45, facecolors="white", edgecolors=TRUE_COLOR, zorder=3, label="start")
+        _from_above(axis, completer, np.linalg.norm(estimated - true, axis=1)[1:])
+    _legend(figure, axes)
+    figure.suptitle(_case_title(rows))
+    return figure
+
+
+def _panels(count: int, share: bool) -> tuple[Figure, list[Axes]]:
+    from matplotlib.figure import Figure
+
+    columns = min(count, PANELS_A_ROW)
+    lines = -(-count // columns)
+    figure = Figure(figsize=(3.6 * columns + 0.6, 3.3 * lines + 0.6), dpi=150, layout="constrained")
+    grid = figure.subplots(lines, columns, squeeze=False, sharex=share, sharey=share).ravel()
+    for axis in grid:
+        axis.grid(color="#e6e6e6", linewidth=0.7)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    for spare in grid[count:]:
+        spare.set_visible(False)
+    return figure, list(grid[:count])
+
+
+def _by_completer(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame, str]]:
+    """Completer, its rows and its color: references in greys, methods in colors by name."""
+    methods = [name for name in sorted(rows.completer.unique()) if name not in MUTED]
+    colors = MUTED | {name: COLORS[place % len(COLORS)] for place, name in enumerate(methods)}
+    for completer, its in rows.groupby("completer"):
+        yield str(completer), its, colors[str(completer)]
+
+
+def _samples(rows: pd.DataFrame, metric: str) -> Iterator[tuple[str, NDArray[np.float64], str]]:
+    for completer, its, color in _by_completer(rows):
+        yield completer, np.concatenate([np.asarray(row[metric], float) for row in its.samples]), color
+
+
+def _one_case(rows: pd.DataFrame) -> pd.DataFrame:
+    """One row a completer: the first scene, its highest level."""
+    its = rows[rows.scene == sorted(rows.scene)[0]]
+    return its[its.level == its.level.max()].drop_duplicates("completer")
+
+
+def _case_title(rows: pd.DataFrame) -> str:
+    case: Any = _one_case(rows).iloc[0]
+    return f"{case.scene}, {case.level:.0%} missing, from above"
+
+
+def _from_above(axis: Axes, completer: str, errors_m: NDArray[np.float64]) -> None:
+    axis.set(title=f"{completer}: mean {errors_m.mean():.2f} m", xlabel="x (m)", ylabel="y (m)")
+    axis.set_aspect("equal", adjustable="datalim")
+
+
+def _legend(figure: Figure, axes: list[Axes]) -> None:
+    """One legend below all panels, each label once."""
+    entries = {}
+    for axis in axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside lower center", ncols=min(6, len(entries)), frameon=False
+    )

@@ -1,0 +1,84 @@
+"""Short scan: the level is exact, what is kept was seen, and what is missing is natural occlusion."""
+
+import time
+
+import numpy as np
+import pytest
+
+from pcdbench.case import make_case
+from pcdbench.errors import PcdbenchError
+from pcdbench.geometry.scanning import scanned
+from pcdbench.incompletenesses.short_scan import ShortScan
+from pcdbench.scene import Scene
+
+
+def without_mesh(scene):
+    return Scene(scene.name, scene.complete, scene.dense, scene.complete_index)
+
+
+def kept_of(scene, level, seed=0, **options):
+    return make_case(scene, "short_scan", ShortScan(ShortScan.Options(**options)), level, seed).kept
+
+
+@pytest.mark.parametrize("mesh", [True, False])
+@pytest.mark.parametrize("level", [0.02, 0.1, 0.3, 0.5, 0.9])
+def test_the_level_is_exact(room, level, mesh):
+    scene = room if mesh else without_mesh(room)
+    assert (~kept_of(scene, level)).sum() == round(level * len(room.complete))
+
+
+def test_the_seed_alone_decides(room):
+    assert (kept_of(room, 0.3, 4) == kept_of(room, 0.3, 4)).all()
+    assert (kept_of(room, 0.3, 4) != kept_of(room, 0.3, 5)).any()
+
+
+def test_a_longer_walk_sees_what_the_shorter_saw(room):
+    few, more = kept_of(room, 0.6, 1), kept_of(room, 0.3, 1)
+    assert (more | ~few).all()
+
+
+def test_one_view_keeps_only_what_is_in_it(room):
+    """One view at 95 % missing: all that is kept fits into a cone of the camera's range and angle."""
+    kept = room.complete.points[kept_of(room, 0.95, 2)]
+    place = scanned(room)
+    eye_height = place.sensor_height_m
+    directions = []
+    for xy in place.free.centers:
+        rays = kept - [*xy, eye_height]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        mean = rays.mean(axis=0) / np.linalg.norm(rays.mean(axis=0))
+        directions.append((rays @ mean).min())
+    assert np.degrees(np.arccos(max(directions))) < 50
+
+
+def test_a_hidden_side_stays_unseen_longest(room):
+    """What no free place at eye height sees is in the missing part at a level that leaves room for it."""
+    place = scanned(room)
+    from pcdbench.geometry.surfels import occluded
+
+    points = room.complete.points
+    never = np.ones(len(points), bool)
+    for xy in place.free.centers[::15]:
+        never &= occluded(place.raycaster, place.at(xy), points, 0.05)
+    assert never.sum() > 10
+    assert (~kept_of(room, 0.5, 3))[never].mean() > 0.95
+
+
+def test_a_cloud_of_which_nothing_would_be_left_is_an_error(room):
+    with pytest.raises(PcdbenchError, match="too few"):
+        kept_of(room, 0.9999)
+
+
+def test_the_walk_that_ends_early_is_filled_from_nearby(room):
+    kept = kept_of(room, 0.1, 0, most_views=1)
+    assert (~kept).sum() == round(0.1 * len(kept))
+
+
+def test_it_takes_less_than_a_second(room):
+    scanned(room)
+    seconds = []
+    for seed in range(3):
+        start = time.process_time()
+        kept_of(room, 0.1, seed)
+        seconds.append(time.process_time() - start)
+    assert min(seconds) < 1.0
