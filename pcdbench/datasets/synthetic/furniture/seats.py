@@ -90,7 +90,7 @@ def office_chair(rng: Rng) -> Built:
             parts.append(tube(path, 0.016, base, segments=6))
             parts.append(rounded_box((0.07, 0.26, 0.03), (x, 0.03, seat_height + 0.2), 0.013, "black_plastic"))
     if chance(rng, 0.25):
-        parts.append(rounded_box((0.26, 0.07, 0.15), (0, -0.33, seat_height + back_height + 0.22), 0.03, cloth, color))
+        parts.append(rounded_box((0.26, 0.07, 0.15), (0, -0.33, seat_height + back_height + 0.16), 0.03, cloth, color))
     return built(parts)
 
 
