@@ -13,7 +13,7 @@ from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.threads import thread_count
 
 from .inpainting import inpainted_colors
-from .normals import unoriented_normals
+from .local_surface import surface_spacing, unoriented_normals
 from .triangulation import hole_triangles
 
 MAX_MESH_POINTS = 60_000
@@ -27,7 +27,7 @@ class HoleFillingOptions(pcdbench.Options):
 
     max_edge_m: float = Field(2.5, gt=0, description="longest edge of a triangle that may close a hole, metres")
     link: float = Field(
-        2.0, gt=1, description="points closer than this many typical spacings are joined; longer edges span a hole"
+        2.8, gt=1, description="points closer than this many typical spacings are joined; longer edges span a hole"
     )
     min_gap_deg: float = Field(
         110.0, gt=0, lt=360, description="a point is on a rim if its neighbours leave a sector this wide free"
@@ -63,7 +63,7 @@ class HoleFilling(Completer):
             return cloud
         chosen = poisson_disk_indices(points, MAX_MESH_POINTS, rng)
         corners = points[chosen]
-        spacing = _typical_spacing(corners)
+        spacing = surface_spacing(corners)
         if spacing == 0:
             return cloud
         normals = unoriented_normals(corners)
@@ -81,18 +81,11 @@ class HoleFilling(Completer):
             return cloud
         candidates = _surface_points(corners[triangles], normals[triangles], spacing, rng)
         distances, _ = cKDTree(corners).query(candidates, workers=thread_count())
-        candidates = candidates[distances >= 0.7 * spacing]
+        candidates = candidates[distances >= spacing]
         count = round(len(points) * _area(candidates, spacing) / _area(points, spacing))
         new_points = candidates[poisson_disk_indices(candidates, count, rng)]
         colors = None if cloud.colors is None else inpainted_colors(new_points, points, cloud.colors)
         return PointCloud.concatenate([cloud, PointCloud(new_points + center, colors)])
-
-
-def _typical_spacing(points: NDArray[np.float64]) -> float:
-    """Median distance (metres) to the sixth neighbour: steadier than the first for random and for gridded clouds."""
-    step = max(1, len(points) // 5000)
-    distances, _ = cKDTree(points).query(points[::step], k=7, workers=thread_count())
-    return float(np.median(distances[:, 6]))
 
 
 def _surface_points(
@@ -100,7 +93,7 @@ def _surface_points(
 ) -> NDArray[np.float64]:
     """(M, 3) random points, denser than the cloud, on the curved surface over (T, 3, 3) corners with normals."""
     areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    count = int(min(CANDIDATES_PER_POINT * (1 + areas.sum() / (spacing / 2) ** 2), MAX_CANDIDATES))
+    count = int(min(CANDIDATES_PER_POINT * (1 + areas.sum() / spacing**2), MAX_CANDIDATES))
     chosen = rng.choice(len(areas), count, p=areas / areas.sum())
     weights = rng.dirichlet((1.0, 1.0, 1.0), count)
     corners, normals = corners[chosen], normals[chosen]
@@ -111,5 +104,5 @@ def _surface_points(
 
 def _area(points: NDArray[np.float64], spacing: float) -> int:
     """How many voxels, a little larger than the spacing, the points fill: in proportion to a surface's area."""
-    cells = np.floor(points / (1.2 * spacing)).astype(np.int64)
+    cells = np.floor(points / (1.7 * spacing)).astype(np.int64)
     return len(np.unique(cells, axis=0))

@@ -9,12 +9,11 @@ from scipy.spatial import cKDTree
 
 import pcdbench
 from pcdbench import Completer, PointCloud
-from pcdbench.geometry.neighbors import median_spacing
 from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.threads import thread_count
 
 from .inpainting import inpainted_colors
-from .normals import unoriented_normals
+from .local_surface import surface_spacing, unoriented_normals
 from .plane_raster import PlaneRaster
 from .planes import Plane, planes
 
@@ -60,8 +59,10 @@ class PlaneFitting(Completer):
         """The cloud and, after it, the points that fill its planes; without planes it is returned as it is."""
         center = cloud.points.mean(axis=0)
         points = cloud.points - center
-        spacing = median_spacing(points)
-        if len(points) < FEWEST_POINTS or spacing == 0:
+        if len(points) < FEWEST_POINTS:
+            return cloud
+        spacing = surface_spacing(points)
+        if spacing == 0:
             return cloud
         fit = rng.permutation(len(points))[:MAX_FIT_POINTS]
         found = [
@@ -123,7 +124,7 @@ class PlaneFitting(Completer):
         places = places[poisson_disk_indices(places, round(per_cell * len(cells)), rng)]
         nearest, _ = tree.query(places, workers=thread_count())
         nearest_own, _ = cKDTree(points[inliers]).query(places, workers=thread_count())
-        return places[(nearest >= spacing) & (nearest >= options.clearance * nearest_own)]
+        return places[(nearest >= 0.9 * spacing) & (nearest >= options.clearance * nearest_own)]
 
 
 def _heading(found: list[Plane]) -> NDArray[np.float64]:
