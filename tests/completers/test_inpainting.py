@@ -24,7 +24,7 @@ def test_one_color_stays_that_color():
 
 def test_surfaces_do_not_share_colors():
     observed, new = square_with_hole()
-    points = np.concatenate([observed, observed + [0, 0, 1e-3]])
+    points = np.concatenate([observed, observed + np.array([0, 0, 1e-3])])
     surface = np.repeat([0, 1], len(observed))
     colors = np.repeat(surface[:, None], 3, axis=1).astype(np.float32)
     assert inpainted_colors(new, points, colors, np.zeros(len(new)), surface).max() < 1e-3
