@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pcdbench.errors import PcdbenchError
-from pcdbench.plugins import Kind, Registration, registry
+from pcdbench.plugins import Registration, registry
 
 if TYPE_CHECKING:
     from pydantic.fields import FieldInfo
@@ -42,7 +42,7 @@ def _description(registration: Registration) -> Iterator[str]:
         yield from ("  " + line if line else "" for line in inspect.getdoc(plugin).splitlines())  # type: ignore[union-attr]
     if registration.kind == "task":
         yield from _metrics(plugin)
-    yield from _options(registration.kind, registration.name, plugin.Options)
+    yield from _options(registration.name, plugin.Options)
 
 
 def _splits(plugin: Any) -> str:
@@ -62,7 +62,7 @@ def _metrics(plugin: Any) -> Iterator[str]:
         yield f"        {metric.formula}"
 
 
-def _options(kind: Kind, name: str, model: type[Options]) -> Iterator[str]:
+def _options(name: str, model: type[Options]) -> Iterator[str]:
     yield ""
     if not model.model_fields:
         yield "  options: none"
@@ -78,7 +78,7 @@ def _options(kind: Kind, name: str, model: type[Options]) -> Iterator[str]:
     key, field = next(iter(model.model_fields.items()))
     example = _value(field.get_default(call_default_factory=True))
     yield ""
-    yield f"  for example: pcdbench run --{kind} {name} --option {name}.{key}={example}"
+    yield f"  for example: --option {name}.{key}={example}"
 
 
 def _type(field: FieldInfo) -> str:

@@ -153,7 +153,7 @@ def test_show_a_completer() -> None:
         "how far, metres",
         "axes  tuple[int, ...], default 0,1",
         "how  Literal['evenly', 'oddly'], default evenly",
-        "pcdbench run --completer smear --option smear.distance_m=0.02",
+        "for example: --option smear.distance_m=0.02",
     ):
         assert text in result.output, text
 
