@@ -99,10 +99,10 @@ def _audit(task: str, incompleteness: str, rows: Sequence[Mapping[str, Any]]) ->
     judge = _Judge(table, first["direction"])
     highest = levels[-1]
     checks = [] if ceiling == TRUTH else [judge.at_least_as_good()]
-    checks.append(judge.better(f"{ceiling} < {FLOOR} {levels[0]:.0%}", (ceiling, levels[0]), (FLOOR, levels[0])))
+    checks.append(judge.better(f"{ceiling} beats {FLOOR} {levels[0]:.0%}", (ceiling, levels[0]), (FLOOR, levels[0])))
     for less, more in pairwise(levels):
-        checks.append(judge.better(f"{FLOOR} {less:.0%} < {more:.0%}", (FLOOR, less), (FLOOR, more)))
-    checks.append(judge.apart(f"{ceiling} | {FLOOR} {highest:.0%}", (ceiling, highest), (FLOOR, highest)))
+        checks.append(judge.better(f"{FLOOR} {less:.0%} beats {more:.0%}", (FLOOR, less), (FLOOR, more)))
+    checks.append(judge.apart(f"{ceiling} apart from {FLOOR} {highest:.0%}", (ceiling, highest), (FLOOR, highest)))
     return Audit(
         task=task,
         metric=first["metric"],
@@ -125,7 +125,7 @@ class _Judge:
 
     def at_least_as_good(self) -> Check:
         """The truth against the ceiling, at all levels: worse only where the interval says so."""
-        name = f"{TRUTH} <= {CEILING}"
+        name = f"{TRUTH} no worse than {CEILING}"
         both = [self._means.get(reference) for reference in (TRUTH, CEILING)]
         if any(one is None for one in both):
             return Check(name, False, None, "not measured")

@@ -20,12 +20,12 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     from pcdbench.leaderboard.picture import write_picture
 
     usable = {row["scene"] for row in rows if row["stage"] not in ("scene", "case")}
-    level = plan.levels[len(plan.levels) // 2]
+    levels = sorted({cell.level for cell in plan.cells})
+    level = levels[len(levels) // 2]
     cells = [cell for cell in plan.cells if cell.scene in usable and cell.level == level]
     if not cells:
         return None
     first = cells[0]
-    path = folder / f"case_{first.scene}_{level:g}.png"
     shown = [cell for cell in cells if _same_case(cell, first) and not cell.completer.reference]
     executor = Executor(plan.dataset, CompletionCache())
     case = executor.case(first)
@@ -35,7 +35,8 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
             clouds.append((cell.completer.name, executor.completion(cell, case)[0].cloud))
         except Failure:
             continue
-    title = f"{first.scene}: {level:.0%} taken away by {first.incompleteness.name}"
+    path = folder / f"case_{first.scene}_{case.level:.2g}.png"
+    title = f"{first.scene}: {case.level:.0%} missing ({first.incompleteness.name})"
     write_picture(path, clouds, title, case.scene.complete)
     return path
 

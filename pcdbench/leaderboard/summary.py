@@ -19,7 +19,8 @@ STATISTICS = ("median", "p90", "mean")
 def samples_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     """One line a (row, metric) that was measured.
 
-    Columns: those of `GROUP` and `CASE`, reference, unit, direction, summary, main, samples (an array).
+    Columns: those of `GROUP` and `CASE`, reference, missing (the share, None in rows from before it was kept), unit,
+    direction, summary, main, samples (an array).
     """
     records = [
         {
@@ -31,6 +32,7 @@ def samples_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
             "reference": row["completer"]["reference"],
             "scene": row["scene"],
             "draw": row["draw"],
+            "missing": row.get("missing"),
             "unit": metric["unit"],
             "direction": metric["direction"],
             "summary": metric["summary"],
@@ -41,15 +43,15 @@ def samples_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
         if row["status"] == "ok"
         for name, metric in row["metrics"].items()
     ]
-    columns = [*GROUP, "reference", "scene", "draw", "unit", "direction", "summary", "main", "samples"]
+    columns = [*GROUP, "reference", "scene", "draw", "missing", "unit", "direction", "summary", "main", "samples"]
     return pd.DataFrame.from_records(records, columns=columns)
 
 
 def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """The summary of rows, in their order of tasks, metrics and completers; levels ascend.
 
-    Columns: those of `GROUP`; reference, unit, direction, summary, main; scenes, cases (measured), failed and
-    skipped (cases without measurements; timeouts count as failed); median, p90 and mean, each with `_low` and
+    Columns: those of `GROUP`; reference, unit, direction, summary, main; scenes, cases (measured), missing (the mean
+    share that was missing), failed and skipped (cases without measurements; timeouts count as failed); median, p90 and mean, each with `_low` and
     `_high` of its 95 % bootstrap interval over scenes; seconds and memory_mb, the medians of completing.
     A completer of which nothing was measured has a line for its task's main metric, without numbers.
     """
@@ -66,7 +68,7 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
         records.append(
             dict(zip(GROUP, key, strict=True))
             | {name: first[name] for name in ("reference", "unit", "direction", "summary", "main")}
-            | {"scenes": group["scene"].nunique(), "cases": len(group)}
+            | {"scenes": group["scene"].nunique(), "cases": len(group), "missing": _mean_missing(group)}
             | counts[cell]
             | _statistics(group)
             | costs.get((incompleteness, level, completer), {})
@@ -88,6 +90,7 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
                     "main": True,
                     "scenes": 0,
                     "cases": 0,
+                    "missing": np.nan,
                 }
                 | (main.loc[task].to_dict() if task in main.index else {"metric": ""})
                 | counts[cell]
@@ -137,6 +140,10 @@ def reasons(rows: Iterable[Mapping[str, Any]]) -> list[str]:
     return lines
 
 
+def _mean_missing(group: pd.DataFrame) -> float:
+    return float(group["missing"].astype(float).mean())
+
+
 def _statistics(group: pd.DataFrame) -> dict[str, float]:
     samples = np.concatenate(group["samples"].to_list())
     if not samples.size:
@@ -177,7 +184,7 @@ def _median_cost(costs: Sequence[Mapping[str, float | None]]) -> dict[str, float
 
 def _columns() -> list[str]:
     statistics = [f"{name}{end}" for name in STATISTICS for end in ("", "_low", "_high")]
-    described = ["reference", "unit", "direction", "summary", "main", "scenes", "cases", "failed", "skipped"]
+    described = ["reference", "unit", "direction", "summary", "main", "scenes", "cases", "missing", "failed", "skipped"]
     return [*GROUP, *described, *statistics, "seconds", "memory_mb"]
 
 

@@ -26,11 +26,11 @@ def test_a_blind_task_fails_and_the_comparisons_are_named(tmp_path, tiny_plugins
     blind, gap = json.loads(ended.stdout)["audits"]
     assert not blind["passed"] and gap["passed"]
     assert [check["name"] for check in blind["checks"] if not check["holds"]] == [
-        "resample < incomplete 30%",
-        "incomplete 30% < 50%",
-        "resample | incomplete 50%",
+        "resample beats incomplete 30%",
+        "incomplete 30% beats 50%",
+        "resample apart from incomplete 50%",
     ]
-    assert "tiny_blind (slab): incomplete 30% < 50%" in ended.stderr and "tiny_gap" not in ended.stderr
+    assert "tiny_blind (slab): incomplete 30% beats 50%" in ended.stderr and "tiny_gap" not in ended.stderr
 
 
 def test_without_a_second_sample_the_truth_is_the_ceiling(tmp_path, tiny_plugins):

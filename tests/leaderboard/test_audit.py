@@ -36,11 +36,11 @@ def test_a_task_that_measures_passes(direction):
     (audit,) = audits(rows(GOOD, direction=direction))
     assert audit.passed and audit.broken == [] and audit.scenes == 12 and audit.ceiling == "resample"
     assert [check.name for check in audit.checks] == [
-        "ground_truth <= resample",
-        "resample < incomplete 10%",
-        "incomplete 10% < 30%",
-        "incomplete 30% < 50%",
-        "resample | incomplete 50%",
+        "ground_truth no worse than resample",
+        "resample beats incomplete 10%",
+        "incomplete 10% beats 30%",
+        "incomplete 30% beats 50%",
+        "resample apart from incomplete 50%",
     ]
     assert audit.checks[1].advantage.value == pytest.approx(0.9, abs=0.05)
     json.dumps(audit.as_json(), allow_nan=False)
@@ -49,10 +49,10 @@ def test_a_task_that_measures_passes(direction):
 @pytest.mark.parametrize(
     ("change", "broken"),
     [
-        ({("ground_truth", 0.1): 1.5, ("ground_truth", 0.5): 1.5}, ["ground_truth <= resample"]),
-        ({("incomplete", 0.1): 1.0}, ["resample < incomplete 10%"]),
-        ({("incomplete", 0.3): 1.5}, ["incomplete 10% < 30%"]),
-        ({("incomplete", 0.5): 2.5}, ["incomplete 30% < 50%"]),
+        ({("ground_truth", 0.1): 1.5, ("ground_truth", 0.5): 1.5}, ["ground_truth no worse than resample"]),
+        ({("incomplete", 0.1): 1.0}, ["resample beats incomplete 10%"]),
+        ({("incomplete", 0.3): 1.5}, ["incomplete 10% beats 30%"]),
+        ({("incomplete", 0.5): 2.5}, ["incomplete 30% beats 50%"]),
     ],
 )
 def test_each_broken_comparison_is_named(change, broken):
@@ -62,7 +62,7 @@ def test_each_broken_comparison_is_named(change, broken):
 
 def test_an_order_without_a_gap_does_not_pass():
     (audit,) = audits(rows(GOOD, spread=8.0))
-    assert audit.broken == ["resample | incomplete 50%"]
+    assert audit.broken == ["resample apart from incomplete 50%"]
     assert audit.checks[-1].note == "intervals touch"
 
 
@@ -96,4 +96,4 @@ def test_a_task_without_measurements_does_not_pass(status):
 
 def test_one_scene_proves_nothing():
     (audit,) = audits(rows(GOOD, scenes=1))
-    assert audit.broken == ["resample | incomplete 50%"]
+    assert audit.broken == ["resample apart from incomplete 50%"]
