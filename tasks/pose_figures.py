@@ -60,7 +60,9 @@ def locations_from_above(rows: pd.DataFrame) -> Figure:
             axis.plot([start[0], end[0]], [start[1], end[1]], color=color, linewidth=1, alpha=0.6)
         axis.scatter(true[:, 0], true[:, 1], s=42, facecolors="white", edgecolors=TRUE_COLOR, label="true", zorder=3)
         axis.scatter(estimated[:, 0], estimated[:, 1], s=36, marker="x", color=color, label="estimated", zorder=4)
-        axis.scatter(*trace["reference"][:2], s=80, marker="*", color="#e69f00", label="reference", zorder=2)
+        axis.scatter(
+            trace["reference"][0], trace["reference"][1], s=80, marker="*", color="#e69f00", label="reference", zorder=2
+        )
         _from_above(axis, completer, np.linalg.norm(estimated - true, axis=1))
     _legend(figure, axes)
     figure.suptitle(_case_title(rows))
@@ -76,7 +78,7 @@ def paths_from_above(rows: pd.DataFrame) -> Figure:
         true, estimated = np.array(trace["true"]), np.array(trace["estimated"])
         axis.plot(true[:, 0], true[:, 1], color=TRUE_COLOR, linewidth=3.5, alpha=0.25, label="true")
         axis.plot(estimated[:, 0], estimated[:, 1], ".-", color=color, linewidth=1.3, markersize=4, label="estimated")
-        axis.scatter(*true[0, :2], s=45, facecolors="white", edgecolors=TRUE_COLOR, zorder=3, label="start")
+        axis.scatter(true[0, 0], true[0, 1], s=45, facecolors="white", edgecolors=TRUE_COLOR, zorder=3, label="start")
         _from_above(axis, completer, np.linalg.norm(estimated - true, axis=1)[1:])
     _legend(figure, axes)
     figure.suptitle(_case_title(rows))
@@ -130,10 +132,14 @@ def _from_above(axis: Axes, completer: str, errors_m: NDArray[np.float64]) -> No
 
 def _legend(figure: Figure, axes: list[Axes]) -> None:
     """One legend below all panels, each label once."""
-    entries = {}
+    entries: dict[str, Any] = {}
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     figure.legend(
-        list(entries.values()), list(entries), loc="outside lower center", ncols=min(6, len(entries)), frameon=False
+        handles=list(entries.values()),
+        labels=list(entries),
+        loc="outside lower center",
+        ncol=min(6, len(entries)),
+        frameon=False,
     )

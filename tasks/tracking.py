@@ -13,7 +13,7 @@ from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.geometry.freespace import headings
 from pcdbench.geometry.poses import Pose, absolute_errors, inverse, pose, relative_errors
-from pcdbench.geometry.registration import register
+from pcdbench.geometry.registration import Method, register
 from pcdbench.geometry.scanning import ScannedScene, random_directions, scanned, shown
 from pcdbench.geometry.surfels import SurfelCloud
 from pcdbench.task import Measurements, Metric, Task
@@ -39,6 +39,8 @@ class Tracking(Task):
             description="coarse to fine: voxel sizes of ndt, largest correspondence distances of gicp",
         )
         constant_velocity: bool = Field(False, description="guess that the last motion goes on, not that it stopped")
+        gate_m: float = Field(0.3, gt=0, description="a registration farther than this from its guess is not believed")
+        gate_deg: float = Field(15.0, gt=0, description="the same for the angle, degrees")
         steps: int = Field(30, ge=1, description="steps of the walk after the first pose, which is known")
         step_m: float = Field(0.06, gt=0, description="length of a step")
         turn_deg: float = Field(2.0, ge=0, description="most that the heading changes in a step")
@@ -46,7 +48,7 @@ class Tracking(Task):
         reference_fov_deg: tuple[float, float] = Field(
             (110.0, 90.0), description="what is cut from the completed cloud"
         )
-        max_range_m: float = Field(6.0, gt=0, description="range of both")
+        max_range_m: float = Field(10.0, gt=0, description="range of both")
         live_points: int = Field(3000, ge=20, description="rays of a live scan")
         noise_m: float = Field(0.01, ge=0, description="standard deviation of a live range, metres")
         kiss_icp_voxel_m: float = Field(0.06, gt=0, description="voxel size of the local map of kiss_icp")
@@ -119,6 +121,7 @@ class Tracking(Task):
         self, place: ScannedScene, surfels: SurfelCloud, true: Pose, rng: np.random.Generator
     ) -> Pose:
         """(N, 4, 4) estimated poses: the first is known, each later one is registered to the one before."""
+        method: Method = "gicp" if self.options.method == "gicp" else "ndt"
         estimated = [true[0]]
         motion = np.eye(4)
         for T_scene_live in true[1:]:
@@ -126,7 +129,10 @@ class Tracking(Task):
             live = place.scan(T_scene_live, directions, self.options.max_range_m, self.options.noise_m, rng)
             reference = shown(surfels, estimated[-1], self.options.max_range_m, *self.options.reference_fov_deg)
             guess = motion if self.options.constant_velocity else np.eye(4)
-            T_before_live = register(live, reference, guess, self.options.method, self.options.scales_m)
+            found = register(live, reference, guess, method, self.options.scales_m)
+            away_m, away_deg = absolute_errors(guess[None], found[None])
+            believed = away_m[0] <= self.options.gate_m and away_deg[0] <= self.options.gate_deg
+            T_before_live = found if believed else guess
             estimated.append(estimated[-1] @ T_before_live)
             motion = inverse(estimated[-2]) @ estimated[-1]
         return np.stack(estimated)

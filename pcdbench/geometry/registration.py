@@ -6,7 +6,7 @@ is, never by the fitness a method claims for itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -38,7 +38,8 @@ def register(
     """
     if min(len(source), len(target)) < FEWEST_POINTS:
         return T_target_source
-    align = {"ndt": ndt, "icp": icp, "gicp": gicp}[method]
+    methods: dict[Method, Callable[..., Pose]] = {"ndt": ndt, "icp": icp, "gicp": gicp}
+    align = methods[method]
     return align(source, target, T_target_source, scales_m)
 
 

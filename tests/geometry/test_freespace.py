@@ -67,7 +67,7 @@ def test_the_floor_is_the_fullest_low_layer():
     rng = np.random.default_rng(0)
     walls = rng.uniform([0, 0, 3], [4, 3, 5.5], (3000, 3))
     stray = np.array([[1.0, 1.0, 2.0]])
-    assert floor_height(np.concatenate([floor() + [0, 0, 3.0], walls, stray])) == pytest.approx(3.0, abs=0.01)
+    assert floor_height(np.concatenate([floor() + np.array([0, 0, 3.0]), walls, stray])) == pytest.approx(3.0, abs=0.01)
 
 
 @given(st.lists(st.floats(-3, 3), min_size=9, max_size=9))

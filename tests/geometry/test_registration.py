@@ -42,7 +42,7 @@ def test_too_few_points_keep_the_guess(method, count):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_scans_without_overlap_still_give_a_rigid_pose(method):
-    found = register(corner_room(0) + [500.0, 0, 0], corner_room(1), np.eye(4), method, METHODS[method])
+    found = register(corner_room(0) + np.array([500.0, 0, 0]), corner_room(1), np.eye(4), method, METHODS[method])
     assert found[:3, :3] @ found[:3, :3].T == pytest.approx(np.eye(3), abs=1e-6)
 
 

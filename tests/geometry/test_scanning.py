@@ -102,7 +102,7 @@ def test_nothing_outside_the_crop_is_measured(room):
 
 
 def test_the_field_of_view_is_one_of_angles_in_the_sensors_frame():
-    points = np.random.default_rng(0).normal(0, 3, (5000, 3)) + [5, -2, 1]
+    points = np.random.default_rng(0).normal(0, 3, (5000, 3)) + np.array([5, -2, 1])
     T_scene_sensor = pose([5, -2, 1], yaw_rad=2.0, pitch_rad=0.3)
     inside = np.zeros(len(points), bool)
     inside[within_view(points, T_scene_sensor, 4.0, 77.0, 60.0)] = True

@@ -1,0 +1,119 @@
+"""Localization: the truth is found, half of it is not, draws are paired, and too little keeps the guess."""
+
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pcdbench.case import Case
+from pcdbench.cloud import PointCloud
+from pcdbench.geometry.scanning import scanned
+from pcdbench_tasks.localization import Localization
+
+
+def evaluated(case, completed, seed=0, **options):
+    return Localization(Localization.Options(**options)).evaluate(case, completed, np.random.default_rng(seed))
+
+
+def rows(case, task):
+    frame = []
+    for level in (0.3, 0.5):
+        for name, cloud in {"incomplete": case.cloud, "ground_truth": case.scene.complete, "other": case.cloud}.items():
+            found = task.evaluate(case, cloud, np.random.default_rng(0))
+            frame.append({"scene": "s", "level": level, "completer": name, "samples": found.samples})
+            frame[-1] |= {"labels": found.labels, "trace": found.trace}
+    return pd.DataFrame(frame)
+
+
+@pytest.mark.parametrize("method", ["ndt", "icp", "gicp"])
+def test_every_method_finds_most_locations_in_the_truth(half_room, method):
+    found = evaluated(half_room, half_room.scene.complete, method=method, radius_m=0.8).samples
+    assert np.median(found["localization_error_m"]) < 0.02
+    assert np.mean(found["success"]) >= 0.8
+    assert np.median(found["rotation_error_deg"]) < 0.5
+
+
+def test_one_wall_is_not_enough(half_room):
+    """A map of one wall fixes the distance to it and nothing along it."""
+    points = half_room.scene.complete.points
+    wall = PointCloud(points[points[:, 0] < 0.05])
+    truth = evaluated(half_room, half_room.scene.complete).samples["localization_error_m"]
+    assert np.mean(evaluated(half_room, wall).samples["localization_error_m"]) > 3 * np.mean(truth)
+
+
+def test_metrics_are_declared_and_consistent(half_room):
+    found = evaluated(half_room, half_room.cloud, locations=6).samples
+    assert list(found) == [metric.name for metric in Localization.metrics]
+    error, planar = np.array(found["localization_error_m"]), np.array(found["localization_error_planar_m"])
+    assert len(error) == 6
+    assert (planar <= error + 1e-12).all()
+    assert (np.array(found["success"]) == (error <= 0.1)).all()
+
+
+def test_errors_are_distances_in_the_trace(half_room):
+    found = evaluated(half_room, half_room.cloud)
+    distances = np.linalg.norm(np.subtract(found.trace["true"], found.trace["estimated"]), axis=1)
+    assert found.samples["localization_error_m"] == pytest.approx(distances, abs=2e-4)
+
+
+def test_every_completer_meets_the_same_locations(half_room):
+    traces = [evaluated(half_room, cloud).trace for cloud in (half_room.cloud, half_room.scene.complete)]
+    assert traces[0]["true"] == traces[1]["true"]
+    assert evaluated(half_room, half_room.cloud, seed=1).trace["true"] != traces[0]["true"]
+
+
+def test_same_seed_same_error(half_room):
+    first, second = (evaluated(half_room, half_room.cloud).samples["localization_error_m"] for _ in range(2))
+    assert first == pytest.approx(second, abs=1e-6)
+
+
+@pytest.mark.parametrize("count", [0, 3, 15])
+def test_a_map_of_hardly_a_point_keeps_the_guess(half_room, count):
+    cloud = half_room.scene.complete.select(np.arange(count))
+    found = evaluated(half_room, cloud)
+    expected = np.linalg.norm(np.subtract(found.trace["true"], found.trace["reference"]), axis=1)
+    assert found.samples["localization_error_m"] == pytest.approx(expected, abs=2e-4)
+
+
+def test_locations_are_free_near_and_in_sight(half_room):
+    place = scanned(half_room.scene)
+    true = np.array(evaluated(half_room, half_room.cloud, locations=40).trace["true"])
+    assert np.linalg.norm(true - place.center, axis=1).max() <= 1.5 + 1e-3
+    assert place.free.clearance_at(true[:, :2]).min() >= 0.25
+
+
+def test_a_scene_on_a_map_far_away_is_measured_the_same(half_room):
+    scene = half_room.scene
+    shift = np.array([4e5, 5e6, 100.0])
+
+    def moved(cloud):
+        return PointCloud(cloud.points + shift, cloud.colors)
+
+    from pcdbench.scene import Scene, Surface
+
+    surface = Surface(scene.surface.vertices + shift, scene.surface.triangles, scene.surface.transparent)
+    far = Scene(scene.name, moved(scene.complete), moved(scene.dense), scene.complete_index, surface=surface)
+    case = Case(far, half_room.incompleteness, half_room.level, half_room.seed, half_room.kept)
+    found = evaluated(case, far.complete, radius_m=0.5).samples["localization_error_m"]
+    assert np.median(found) < 0.02
+
+
+def test_figures(half_room):
+    task = Localization(Localization.Options(locations=3))
+    figures = task.figures(rows(half_room, task))
+    assert set(figures) == {"localization_cdf", "localization_from_above"}
+    axis = figures["localization_cdf"].axes[0]
+    assert {line.get_label() for line in axis.lines} == {"incomplete", "ground_truth", "other"}
+    assert all(line.get_ydata()[-1] == 1.0 for line in axis.lines)
+    assert len(figures["localization_cdf"].axes) == 2
+
+
+def test_ten_locations_are_fast(half_room):
+    evaluated(half_room, half_room.cloud)
+    seconds = []
+    for seed in range(3):
+        start = time.process_time()
+        evaluated(half_room, half_room.cloud, seed)
+        seconds.append(time.process_time() - start)
+    assert min(seconds) < 3.0

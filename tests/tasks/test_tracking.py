@@ -1,0 +1,113 @@
+"""Tracking: the truth is tracked, a map of nothing is not, walks keep clear of furniture, figures show the rows."""
+
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pcdbench.geometry.freespace import BODY_RADIUS_M
+from pcdbench.geometry.scanning import scanned
+from pcdbench.scene import Scene
+from pcdbench_tasks.tracking import Tracking
+
+
+def evaluated(case, completed, seed=0, **options):
+    return Tracking(Tracking.Options(**options)).evaluate(case, completed, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "gicp"}, {"constant_velocity": True}, {"method": "kiss_icp"}])
+def test_the_truth_is_tracked(half_room, options):
+    found = evaluated(half_room, half_room.scene.complete, **options).samples
+    assert np.median(found["tracking_error_m"]) < 0.1
+    assert np.median(found["relative_error_m"]) < 0.03
+
+
+def test_metrics_are_declared_and_the_samples_are_the_steps(half_room):
+    found = evaluated(half_room, half_room.cloud, steps=12).samples
+    assert list(found) == [metric.name for metric in Tracking.metrics]
+    assert [len(values) for values in found.values()] == [12, 12, 12, 1]
+    assert found["final_drift_m"][0] == found["tracking_error_m"][-1]
+
+
+def test_without_a_map_the_first_pose_is_kept(half_room):
+    found = evaluated(half_room, half_room.scene.complete.select(np.arange(10)), steps=10)
+    true = np.array(found.trace["true"])
+    assert found.trace["estimated"] == [found.trace["estimated"][0]] * 11
+    expected = np.linalg.norm(true[1:] - true[0], axis=1)
+    assert found.samples["tracking_error_m"] == pytest.approx(expected, abs=2e-4)
+
+
+def test_steps_and_turns_are_as_small_as_the_options_say(half_room):
+    task = Tracking()
+    poses = task._true_poses(scanned(half_room.scene), np.random.default_rng(0))
+    assert np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1).max() <= task.options.step_m + 1e-9
+    headings = np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
+    assert np.degrees(np.abs(np.diff(headings))).max() <= task.options.turn_deg + 1e-9
+    assert len(poses) == task.options.steps + 1 > 30
+
+
+def test_walks_never_go_through_furniture_or_walls(room):
+    """Against the mesh itself: rays all around each position, between ankle and head, meet nothing within the body."""
+    place = scanned(room)
+    task = Tracking(Tracking.Options(steps=100))
+    angles = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    around = np.stack([np.cos(angles), np.sin(angles), np.zeros(72)], axis=1)
+    for seed in range(5):
+        positions = task._true_poses(place, np.random.default_rng(seed))[:, :3, 3]
+        for height in np.arange(0.15, 1.75, 0.1):
+            at_height = positions.copy()
+            at_height[:, 2] = place.free.floor_m + height
+            hits = place.raycaster.cast(np.repeat(at_height, 72, axis=0), np.tile(around, (len(positions), 1)))
+            assert hits.range_m.min() >= BODY_RADIUS_M - 0.01
+        legs = np.diff(positions, axis=0)
+        moving = np.linalg.norm(legs, axis=1) > 1e-6
+        hits = place.raycaster.cast(
+            positions[:-1][moving], legs[moving] / np.linalg.norm(legs[moving], axis=1, keepdims=True)
+        )
+        assert (hits.range_m > np.linalg.norm(legs[moving], axis=1)).all()
+
+
+def test_every_completer_walks_the_same_path(half_room):
+    walks = [evaluated(half_room, cloud, steps=5).trace for cloud in (half_room.cloud, half_room.scene.complete)]
+    assert walks[0]["true"] == walks[1]["true"]
+    assert walks[0]["estimated"] != walks[1]["estimated"]
+
+
+def test_same_seed_same_track(half_room):
+    first, second = (evaluated(half_room, half_room.cloud, steps=5).samples["tracking_error_m"] for _ in range(2))
+    assert first == pytest.approx(second, abs=1e-6)
+
+
+def test_kiss_icp_is_configured_for_rooms_and_says_so(half_room, monkeypatch):
+    monkeypatch.setenv("kiss_icp_mapping", '{"voxel_size": 3.0}')
+    trace = evaluated(half_room, half_room.scene.complete, method="kiss_icp", steps=3).trace
+    assert trace["kiss_icp"]["data"] == {"max_range": 10.0, "min_range": 0.1, "deskew": False}
+    assert trace["kiss_icp"]["mapping"]["voxel_size"] == 0.06
+
+
+def test_a_scene_without_a_mesh_is_tracked_too(half_room):
+    scene = half_room.scene
+    bare = Scene(scene.name, scene.complete, scene.dense, scene.complete_index)
+    case = type(half_room)(bare, "half", half_room.level, half_room.seed, half_room.kept)
+    assert np.mean(evaluated(case, bare.complete, steps=10).samples["tracking_error_m"]) < 0.1
+
+
+def test_figures(half_room):
+    task = Tracking(Tracking.Options(steps=4))
+    frame = []
+    for name, cloud in {"incomplete": half_room.cloud, "ground_truth": half_room.scene.complete}.items():
+        found = task.evaluate(half_room, cloud, np.random.default_rng(0))
+        frame.append({"scene": "s", "level": 0.5, "completer": name, "samples": found.samples})
+        frame[-1] |= {"labels": found.labels, "trace": found.trace}
+    figures = task.figures(pd.DataFrame(frame))
+    assert set(figures) == {"tracking_cdf", "tracking_error_by_step", "tracking_path"}
+    lines = figures["tracking_error_by_step"].axes[0].lines
+    by_name = {line.get_label(): line.get_ydata() for line in lines}
+    assert by_name["incomplete"] == pytest.approx(frame[0]["samples"]["tracking_error_m"])
+
+
+def test_thirty_steps_are_fast(half_room):
+    start = time.process_time()
+    evaluated(half_room, half_room.cloud)
+    assert time.process_time() - start < 8.0
