@@ -48,10 +48,9 @@ def estimates(samples: NDArray[np.float64], scenes: NDArray[np.int64]) -> Mappin
     weights = scene_weights(count)
     sums = np.bincount(scenes, samples, minlength=count)
     sizes = np.bincount(scenes, minlength=count)
-    ends = np.cumsum(weights[:, scenes], axis=1, dtype=np.int64)
     drawn = {
-        "median": _weighted_quantile(samples, ends, 0.5),
-        "p90": _weighted_quantile(samples, ends, 0.9),
+        "median": _resampled_quantile(samples, scenes, weights, 0.5),
+        "p90": _resampled_quantile(samples, scenes, weights, 0.9),
         "mean": (weights @ sums) / (weights @ sizes),
     }
     return {name: _estimate(float(value), drawn[name]) for name, value in values.items()}
@@ -75,22 +74,33 @@ def scene_weights(count: int, resamples: int = RESAMPLES) -> NDArray[np.int32]:
     return drawn.astype(np.int32)
 
 
-def _weighted_quantile(ordered: NDArray, ends: NDArray[np.int64], share: float) -> NDArray[np.float64]:
-    """(R,) numpy's linear quantile of `ordered` (n,) where each value is repeated, `ends` (R, n) counting up."""
-    total = ends[:, -1]
+def _resampled_quantile(ordered: NDArray, scenes: NDArray, weights: NDArray, share: float) -> NDArray[np.float64]:
+    """(R,) numpy's linear quantile of each resample of `ordered` (n,); weights (R, S) say how often a scene is in."""
+    total = weights @ np.bincount(scenes)
     position = (total - 1) * share
     below = np.floor(position).astype(np.int64)
-    low = ordered[_first_beyond(ends, below)]
-    high = ordered[_first_beyond(ends, np.minimum(below + 1, total - 1))]
+    low = ordered[_index_of_rank(scenes, weights, below)]
+    high = ordered[_index_of_rank(scenes, weights, np.minimum(below + 1, total - 1))]
     return low + (position - below) * (high - low)
 
 
-def _first_beyond(ends: NDArray[np.int64], ranks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(R,) in each row the first column whose count exceeds the rank: one search over all rows end to end."""
-    stride = int(ends[:, -1].max()) + 1
-    offsets = np.arange(len(ends), dtype=np.int64) * stride
-    flat = (ends + offsets[:, None]).ravel()
-    return np.searchsorted(flat, ranks + offsets, side="right") - np.arange(len(ends)) * ends.shape[1]
+def _index_of_rank(scenes: NDArray, weights: NDArray, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(R,) where in the order of samples each resample has the sample of this rank.
+
+    Blocks of samples are counted first, by one matrix product, and single samples in the one block that
+    matters: sqrt(n) steps a resample and not n.
+    """
+    count, size = len(scenes), int(np.ceil(np.sqrt(len(scenes))))
+    blocks = -(-count // size)
+    per_block = np.bincount(np.arange(count) // size * weights.shape[1] + scenes, minlength=blocks * weights.shape[1])
+    ends = np.cumsum(weights.astype(float) @ per_block.reshape(blocks, -1).T, axis=1)
+    block = (ends <= ranks[:, None]).sum(axis=1)
+    rows = np.arange(len(weights))
+    before = np.where(block > 0, ends[rows, block - 1], 0.0)
+    index = block[:, None] * size + np.arange(size)
+    times = np.where(index < count, weights[rows[:, None], scenes[np.minimum(index, count - 1)]], 0)
+    inside = before[:, None] + np.cumsum(times, axis=1)
+    return block * size + (inside <= ranks[:, None]).sum(axis=1)
 
 
 def _estimate(value: float, drawn: NDArray[np.float64]) -> Estimate:
