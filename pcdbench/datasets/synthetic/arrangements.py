@@ -6,26 +6,27 @@ from collections.abc import Callable
 
 import numpy as np
 
-from pcdbench.datasets.synthetic.furniture import FURNITURE
-from pcdbench.datasets.synthetic.placement import Placed, Placement
+from pcdbench.datasets.synthetic.groups import (
+    SHELF_THINGS,
+    TABLE_THINGS,
+    any_of,
+    long_yaw,
+    middle_of,
+    put_island,
+    put_plants,
+    put_seating,
+    put_seating_somewhere,
+    put_stores,
+    put_sundries,
+    put_table,
+    put_table_somewhere,
+    put_workplace,
+    spin,
+)
+from pcdbench.datasets.synthetic.placement import Placement
 from pcdbench.datasets.synthetic.plan import Floats, Room
 
-DESK_THINGS = [
-    "book_pile",
-    "book_row",
-    "mug",
-    "paper_stack",
-    "bottle",
-    "pen_cup",
-    "telephone",
-    "laptop",
-    "desk_lamp",
-    "desk_plant",
-    "small_box",
-]
-TABLE_THINGS = ["book_pile", "mug", "paper_stack", "bottle", "laptop", "bowl", "vase", "desk_plant"]
 KITCHEN_THINGS = ["coffee_machine", "microwave", "kettle", "bowl", "bottle", "mug", "vase"]
-SHELF_THINGS = ["book_row", "book_pile", "small_box", "vase", "bowl", "desk_plant", "paper_stack", "desktop_printer"]
 CLUTTER = [
     "crate",
     "backpack",
@@ -57,7 +58,6 @@ WALL_THINGS = [
     "fire_extinguisher",
 ]
 CEILING_THINGS = ["smoke_detector", "sprinkler", "cassette_unit", "ceiling_grille", "hanging_sign", "projector"]
-STORES = ["bookcase", "cabinet", "filing_cabinet", "wardrobe", "open_rack", "bookcase"]
 
 
 def furnish(placement: Placement, room: Room) -> None:
@@ -70,119 +70,10 @@ def furnish(placement: Placement, room: Room) -> None:
     _clutter(placement, room, int(placement.rng.integers(2, 5 + int(area / 9))))
 
 
-def _any(placement: Placement, names: list[str]) -> str:
-    return str(placement.rng.choice(names))
-
-
-def _spin(placement: Placement, degrees: float) -> float:
-    return float(np.radians(placement.rng.normal(0.0, degrees)))
-
-
-def _workplace(placement: Placement, room: Room, desk: Placed) -> None:
-    """A chair at a desk, not quite straight, and what is on the desk."""
-    rng = placement.rng
-    low, high = desk.built.mesh.bounds()
-    out = float(
-        rng.choice([rng.uniform(0.1, 0.25), rng.uniform(0.3, 0.45), rng.uniform(0.5, 0.8)], p=[0.35, 0.45, 0.2])
-    )
-    turned = desk.pose[3] + _spin(placement, 30.0 if out > 0.25 else 10.0)
-    x, y = desk.to_scene(np.array([[rng.normal(0.0, 0.08), low[1] - out]]))[0]
-    placement.put(room, "office_chair", placement.build("office_chair"), float(x), float(y), turned, 0.0, 0.0, desk)
-    top = desk.built.tops[0]
-    for _ in range(int(rng.choice([1, 1, 2]))):
-        x, y = desk.to_scene(
-            np.array([[top.center[0] + rng.uniform(-0.35, 0.35), top.center[1] + top.size[1] * 0.22]])
-        )[0]
-        yaw = desk.pose[3] + np.pi + _spin(placement, 12.0)
-        placement.put(room, "monitor", placement.build("monitor"), float(x), float(y), yaw, top.z + 0.002, 0.01, desk)
-    x, y = desk.to_scene(np.array([[top.center[0] + rng.normal(0, 0.06), top.center[1] - top.size[1] * 0.28]]))[0]
-    placement.put(
-        room,
-        "keyboard",
-        placement.build("keyboard"),
-        float(x),
-        float(y),
-        desk.pose[3] + _spin(placement, 6),
-        top.z + 0.002,
-        0.0,
-        desk,
-    )
-    placement.on_top(room, desk, DESK_THINGS, 0.9, 6)
-
-
-def _chairs_around(placement: Placement, room: Room, table: Placed, name: str, ends: bool = True) -> None:
-    """Chairs on all sides of a table, some pulled out, some missing."""
-    rng = placement.rng
-    low, high = table.built.mesh.bounds()
-    half, middle = (high - low)[:2] / 2, (high + low)[:2] / 2
-    is_round = abs(half[0] - half[1]) < 0.12
-    spots = []
-    if is_round:
-        count = max(3, int(2 * np.pi * half[0] / 0.85))
-        for angle in np.arange(count) * 2 * np.pi / count + rng.uniform(0, 6):
-            spots.append((half[0] * np.cos(angle), half[0] * np.sin(angle), angle))
-    else:
-        for axis in (0, 1):
-            if axis == 1 and not ends:
-                continue
-            count = max(1, int(2 * half[axis] / 0.72))
-            for k in range(count):
-                along = (k - (count - 1) / 2) * 2 * half[axis] / count
-                for side in (-1.0, 1.0):
-                    x, y = (along, side * half[1]) if axis == 0 else (side * half[0], along)
-                    angle = np.arctan2(side, 0.0) if axis == 0 else (0.0 if side > 0 else np.pi)
-                    spots.append((x, y, angle))
-    for x, y, angle in spots:
-        if rng.uniform() < 0.12:
-            continue
-        out = float(rng.uniform(0.05, 0.35)) if rng.uniform() < 0.8 else float(rng.uniform(0.4, 0.7))
-        local = middle + [x + out * np.cos(angle), y + out * np.sin(angle)]
-        sx, sy = table.to_scene(local[None])[0]
-        yaw = table.pose[3] + angle + np.pi / 2 + _spin(placement, 9.0 if out < 0.35 else 28.0)
-        placement.put(room, name, placement.build(name), float(sx), float(sy), float(yaw), 0.0, 0.0, table)
-
-
-def _table_group(
-    placement: Placement,
-    room: Room,
-    table_name: str,
-    x: float,
-    y: float,
-    yaw: float,
-    things: list[str],
-    chair: str | None = None,
-) -> Placed | None:
-    table = placement.put(room, table_name, placement.build(table_name), x, y, yaw, 0.0, 0.55)
-    if table is None:
-        return None
-    _chairs_around(placement, room, table, chair or str(placement.rng.choice(["chair", "office_chair"])))
-    placement.on_top(room, table, things, 0.9, 5)
-    return table
-
-
-def _middle(room: Room) -> Floats:
-    return (room.outline.min(axis=0) + room.outline.max(axis=0)) / 2
-
-
-def _long_yaw(room: Room) -> float:
-    size = np.ptp(room.outline, axis=0)
-    return 0.0 if size[0] >= size[1] else np.pi / 2
-
-
-def _stores(placement: Placement, room: Room, count: int, names: list[str] = STORES) -> None:
-    """Shelves and cabinets along the walls, with things on them; small ones may stand in a row."""
-    for _ in range(count):
-        placed = placement.at_wall(
-            room, _any(placement, names), jitter_rad=0.02, off_m=float(placement.rng.uniform(0.0, 0.05))
-        )
-        if placed and placement.rng.uniform() < 0.8:
-            placement.on_top(room, placed, SHELF_THINGS, 0.7, 4)
-
-
 def _walls(placement: Placement, room: Room) -> None:
     perimeter = float(np.hypot(*(np.roll(room.outline, -1, axis=0) - room.outline).T).sum())
     for _ in range(int(placement.rng.integers(4, 6 + int(perimeter / 3.5)))):
-        placement.at_wall(room, _any(placement, WALL_THINGS), off_m=0.0, tries=6)
+        placement.at_wall(room, any_of(placement, WALL_THINGS), off_m=0.0, tries=6)
 
 
 def _windows(placement: Placement, room: Room) -> None:
@@ -209,23 +100,18 @@ def _ceiling(placement: Placement, room: Room) -> None:
     rng = placement.rng
     low, high = room.outline.min(axis=0), room.outline.max(axis=0)
     for _ in range(int(rng.integers(0, 3 + int(np.prod(high - low) / 10)))):
-        name = _any(placement, CEILING_THINGS)
+        name = any_of(placement, CEILING_THINGS)
         x, y = rng.uniform(low, high)
-        placement.put(room, name, placement.build(name), float(x), float(y), _long_yaw(room), room.height - 0.001, 0.02)
+        placement.put(room, name, placement.build(name), float(x), float(y), long_yaw(room), room.height - 0.001, 0.02)
 
 
 def _clutter(placement: Placement, room: Room, count: int) -> None:
     for _ in range(count):
-        name = _any(placement, CLUTTER)
+        name = any_of(placement, CLUTTER)
         if placement.rng.uniform() < 0.7:
             placement.at_wall(room, name, jitter_rad=0.3, off_m=float(placement.rng.uniform(0.02, 0.15)))
         else:
             placement.somewhere(room, name, 5, 0.1)
-
-
-def _plants(placement: Placement, room: Room, count: int) -> None:
-    for _ in range(count):
-        placement.at_wall(room, "plant", jitter_rad=1.0, off_m=0.08)
 
 
 def _office(placement: Placement, room: Room) -> None:
@@ -234,13 +120,13 @@ def _office(placement: Placement, room: Room) -> None:
     wanted = max(1, min(6, int(area / 6.5)))
     done = 0
     if wanted >= 2 and rng.uniform() < 0.6:
-        x, y = _middle(room) + rng.normal(0, 0.25, 2)
-        done += _island(
+        x, y = middle_of(room) + rng.normal(0, 0.25, 2)
+        done += put_island(
             placement,
             room,
             float(x),
             float(y),
-            _long_yaw(room) + (np.pi / 2 if rng.uniform() < 0.4 else 0.0),
+            long_yaw(room) + (np.pi / 2 if rng.uniform() < 0.4 else 0.0),
             min(3, (wanted + 1) // 2),
         )
     for _ in range(wanted + 1):
@@ -249,73 +135,36 @@ def _office(placement: Placement, room: Room) -> None:
         desk = placement.at_wall(room, "desk", tries=14, off_m=float(rng.uniform(0.02, 0.1)), gap=0.25, flipped=True)
         if desk:
             done += 1
-            _workplace(placement, room, desk)
-    _stores(placement, room, int(rng.integers(3, 7)))
+            put_workplace(placement, room, desk)
+    put_stores(placement, room, int(rng.integers(3, 7)))
     if area > 17 and rng.uniform() < 0.6:
-        _group_somewhere(placement, room, "round_table", TABLE_THINGS)
-    _plants(placement, room, int(rng.integers(0, 3)))
-    _sundries(placement, room, ["coat_stand", "floor_lamp", "printer", "whiteboard_stand", "waste_bin"], 2)
-
-
-def _sundries(placement: Placement, room: Room, names: list[str], at_most: int) -> None:
-    for _ in range(int(placement.rng.integers(1, at_most + 1))):
-        placement.at_wall(room, _any(placement, names), jitter_rad=0.2, off_m=0.05)
-
-
-def _group_somewhere(placement: Placement, room: Room, table: str, things: list[str], chair: str | None = None) -> None:
-    low, high = room.outline.min(axis=0) + 1.0, room.outline.max(axis=0) - 1.0
-    for _ in range(10):
-        x, y = placement.rng.uniform(np.minimum(low, high), np.maximum(low, high))
-        if _table_group(
-            placement, room, table, float(x), float(y), _long_yaw(room) + _spin(placement, 5), things, chair
-        ):
-            return
-
-
-def _island(placement: Placement, room: Room, x: float, y: float, yaw: float, pairs: int) -> int:
-    """Desks face to face in two rows; how many there were room for."""
-    rng = placement.rng
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    seed = int(rng.integers(0, 2**63))
-    done = 0
-    for k in range(pairs):
-        for side in (1.0, -1.0):
-            built = FURNITURE["desk"].build(np.random.default_rng(seed))
-            low, high = built.mesh.bounds()
-            width = float(high[0] - low[0]) + 0.03
-            turned = yaw + (np.pi if side > 0 else 0.0) + _spin(placement, 0.7)
-            along, across = (k - (pairs - 1) / 2) * width, side * (float(high[1]) + 0.03)
-            along += side * float(high[0] + low[0]) / 2
-            place = (x + along * cos - across * sin, y + along * sin + across * cos)
-            desk = placement.put(room, "desk", built, *place, turned, 0.0, 0.005)
-            if desk:
-                done += 1
-                _workplace(placement, room, desk)
-    return done
+        put_table_somewhere(placement, room, "round_table", TABLE_THINGS)
+    put_plants(placement, room, int(rng.integers(0, 3)))
+    put_sundries(placement, room, ["coat_stand", "floor_lamp", "printer", "whiteboard_stand", "waste_bin"], 2)
 
 
 def _meeting(placement: Placement, room: Room) -> None:
     rng = placement.rng
-    x, y = _middle(room) + rng.normal(0, 0.2, 2)
+    x, y = middle_of(room) + rng.normal(0, 0.2, 2)
     name = "round_table" if rng.uniform() < 0.2 else "meeting_table"
     for attempt in range(6):
-        yaw = _long_yaw(room) + (np.pi / 2 if attempt % 2 else 0.0) + _spin(placement, 2.0)
+        yaw = long_yaw(room) + (np.pi / 2 if attempt % 2 else 0.0) + spin(placement, 2.0)
         place = (x, y) if attempt < 3 else (x + rng.normal(0, 0.5), y + rng.normal(0, 0.5))
-        if _table_group(placement, room, name, float(place[0]), float(place[1]), yaw, TABLE_THINGS):
+        if put_table(placement, room, name, float(place[0]), float(place[1]), yaw, TABLE_THINGS):
             break
         name = name if attempt < 2 else "round_table"
-    placement.at_wall(room, _any(placement, ["wall_whiteboard", "wall_screen", "notice_board"]), off_m=0.0)
-    placement.at_wall(room, _any(placement, ["wall_screen", "projector_screen", "wall_whiteboard"]), off_m=0.0)
-    _stores(placement, room, int(rng.integers(2, 5)), ["filing_cabinet", "cabinet", "bookcase"])
-    _plants(placement, room, int(rng.integers(0, 3)))
-    _sundries(placement, room, ["whiteboard_stand", "coat_stand", "waste_bin", "chair", "podium"], 3)
+    placement.at_wall(room, any_of(placement, ["wall_whiteboard", "wall_screen", "notice_board"]), off_m=0.0)
+    placement.at_wall(room, any_of(placement, ["wall_screen", "projector_screen", "wall_whiteboard"]), off_m=0.0)
+    put_stores(placement, room, int(rng.integers(2, 5)), ["filing_cabinet", "cabinet", "bookcase"])
+    put_plants(placement, room, int(rng.integers(0, 3)))
+    put_sundries(placement, room, ["whiteboard_stand", "coat_stand", "waste_bin", "chair", "podium"], 3)
 
 
 def _classroom(placement: Placement, room: Room) -> None:
     """Rows of tables towards the board on a short wall."""
     rng = placement.rng
     low, high = room.outline.min(axis=0), room.outline.max(axis=0)
-    front = _long_yaw(room) - np.pi / 2 if rng.uniform() < 0.5 else _long_yaw(room) + np.pi / 2
+    front = long_yaw(room) - np.pi / 2 if rng.uniform() < 0.5 else long_yaw(room) + np.pi / 2
     ahead = np.array([-np.sin(front), np.cos(front)])
     size = abs(ahead @ (high - low)), abs(np.array([ahead[1], -ahead[0]]) @ (high - low))
     side = np.array([ahead[1], -ahead[0]])
@@ -329,8 +178,9 @@ def _classroom(placement: Placement, room: Room) -> None:
                 room,
                 "dining_table",
                 placement.build("dining_table"),
-                *map(float, at),
-                front + _spin(placement, 2.5),
+                float(at[0]),
+                float(at[1]),
+                front + spin(placement, 2.5),
                 0.0,
                 0.1,
             )
@@ -347,7 +197,7 @@ def _classroom(placement: Placement, room: Room) -> None:
                         placement.build("chair"),
                         float(sx),
                         float(sy),
-                        table.pose[3] + _spin(placement, 12),
+                        table.pose[3] + spin(placement, 12),
                         0.0,
                         0.0,
                         table,
@@ -364,12 +214,12 @@ def _classroom(placement: Placement, room: Room) -> None:
             )
     at = middle + ahead * (size[0] / 2 - 1.25) + side * float(rng.uniform(-1.5, 1.5))
     desk = placement.put(
-        room, "desk", placement.build("desk"), *map(float, at), front + np.pi + _spin(placement, 4), 0.0, 0.1
+        room, "desk", placement.build("desk"), float(at[0]), float(at[1]), front + np.pi + spin(placement, 4), 0.0, 0.1
     )
     if desk:
-        _workplace(placement, room, desk)
-    _stores(placement, room, int(rng.integers(2, 5)))
-    _sundries(placement, room, ["podium", "waste_bin", "plant", "coat_stand"], 3)
+        put_workplace(placement, room, desk)
+    put_stores(placement, room, int(rng.integers(2, 5)))
+    put_sundries(placement, room, ["podium", "waste_bin", "plant", "coat_stand"], 3)
 
 
 def _kitchen(placement: Placement, room: Room) -> None:
@@ -381,100 +231,57 @@ def _kitchen(placement: Placement, room: Room) -> None:
             placement.on_top(room, placed, KITCHEN_THINGS, 1.0, 4)
     area = float(np.prod(np.ptp(room.outline, axis=0)))
     for _ in range(max(1, int(area / 14))):
-        _group_somewhere(
+        put_table_somewhere(
             placement,
             room,
             str(rng.choice(["dining_table", "round_table"])),
-            KITCHEN_THINGS[3:] + ["vase", "bowl"],
+            [*KITCHEN_THINGS[3:], "bowl"],
             "chair",
         )
-    _sundries(placement, room, ["water_cooler", "vending_machine", "waste_bin", "plant"], 3)
-    _stores(placement, room, 1, ["cabinet", "filing_cabinet", "open_rack"])
-
-
-def _seating(placement: Placement, room: Room, x: float, y: float, yaw: float) -> bool:
-    """A low table with sofas and armchairs around it."""
-    rng = placement.rng
-    table = placement.put(room, "coffee_table", placement.build("coffee_table"), x, y, yaw, 0.0, 0.5)
-    if table is None:
-        return False
-    half = np.ptp(table.built.mesh.bounds(), axis=0)[:2] / 2
-    for k in range(4):
-        name = (
-            str(rng.choice(["sofa", "armchair", "armchair"]))
-            if k % 2 == 0
-            else str(rng.choice(["armchair", "sofa", "stool"]))
-        )
-        if k and rng.uniform() < 0.25:
-            continue
-        angle = k * np.pi / 2 - np.pi / 2
-        out = half[1 - k % 2] + float(rng.uniform(0.75, 1.0))
-        sx, sy = table.to_scene(np.array([[out * np.cos(angle), out * np.sin(angle)]]))[0]
-        seat = placement.put(
-            room,
-            name,
-            placement.build(name),
-            float(sx),
-            float(sy),
-            yaw + angle + np.pi / 2 + _spin(placement, 7),
-            0.0,
-            0.02,
-        )
-        if seat and name == "sofa":
-            placement.on_top(room, seat, ["cushion", "cushion", "backpack"], 0.7, 3)
-    placement.on_top(room, table, TABLE_THINGS, 0.9, 4)
-    return True
-
-
-def _seating_somewhere(placement: Placement, room: Room, tries: int = 10) -> None:
-    low, high = room.outline.min(axis=0) + 1.2, room.outline.max(axis=0) - 1.2
-    for _ in range(tries):
-        x, y = placement.rng.uniform(np.minimum(low, high), np.maximum(low, high))
-        yaw = float(placement.rng.integers(0, 4)) * np.pi / 2 + _spin(placement, 6)
-        if _seating(placement, room, float(x), float(y), yaw):
-            return
+    put_sundries(placement, room, ["water_cooler", "vending_machine", "waste_bin", "plant"], 3)
+    put_stores(placement, room, 1, ["cabinet", "filing_cabinet", "open_rack"])
 
 
 def _lounge(placement: Placement, room: Room) -> None:
     rng = placement.rng
     area = float(np.prod(np.ptp(room.outline, axis=0)))
     for _ in range(max(1, int(area / 16))):
-        _seating_somewhere(placement, room)
+        put_seating_somewhere(placement, room)
     for _ in range(2):
         sofa = placement.at_wall(room, "sofa", off_m=0.05)
         if sofa:
             placement.on_top(room, sofa, ["cushion"], 0.8, 3)
-    _stores(placement, room, int(rng.integers(2, 5)), ["bookcase", "filing_cabinet", "cabinet"])
+    put_stores(placement, room, int(rng.integers(2, 5)), ["bookcase", "filing_cabinet", "cabinet"])
     if rng.uniform() < 0.5:
-        _group_somewhere(placement, room, "round_table", TABLE_THINGS)
-    _plants(placement, room, int(rng.integers(1, 4)))
-    _sundries(placement, room, ["floor_lamp", "tv_stand", "vending_machine", "coat_stand", "partition"], 3)
+        put_table_somewhere(placement, room, "round_table", TABLE_THINGS)
+    put_plants(placement, room, int(rng.integers(1, 4)))
+    put_sundries(placement, room, ["floor_lamp", "tv_stand", "vending_machine", "coat_stand", "partition"], 3)
 
 
 def _storage(placement: Placement, room: Room) -> None:
     rng = placement.rng
-    _stores(
+    put_stores(
         placement,
         room,
         int(rng.integers(4, 8)),
         ["open_rack", "open_rack", "cabinet", "bookcase", "filing_cabinet", "lockers"],
     )
     for _ in range(int(rng.integers(1, 3))):
-        placed = placement.somewhere(room, "open_rack", 8, 0.7, _long_yaw(room))
+        placed = placement.somewhere(room, "open_rack", 8, 0.7, long_yaw(room))
         if placed:
             placement.on_top(room, placed, SHELF_THINGS, 0.9, 5)
     for _ in range(int(rng.integers(4, 9))):
-        name = _any(placement, ["crate", "box_stack", "bicycle", "server_rack", "box_stack", "chair"])
+        name = any_of(placement, ["crate", "box_stack", "bicycle", "server_rack", "box_stack", "chair"])
         placement.at_wall(room, name, jitter_rad=0.4, off_m=0.05)
     for _ in range(3):
-        placement.somewhere(room, _any(placement, ["crate", "box_stack", "stool"]), 5, 0.25)
+        placement.somewhere(room, any_of(placement, ["crate", "box_stack", "stool"]), 5, 0.25)
 
 
 def _corridor(placement: Placement, room: Room) -> None:
     rng = placement.rng
     length = float(np.ptp(room.outline, axis=0).max())
     for _ in range(int(rng.integers(3, 4 + int(length / 1.8)))):
-        name = _any(
+        name = any_of(
             placement,
             [
                 "bench",
@@ -493,19 +300,19 @@ def _corridor(placement: Placement, room: Room) -> None:
         if placed:
             placement.on_top(room, placed, ["book_pile", "paper_stack", "desk_plant", "small_box"], 0.5, 3)
     for _ in range(2):
-        placement.at_wall(room, _any(placement, ["fire_extinguisher", "notice_board"]), off_m=0.0)
+        placement.at_wall(room, any_of(placement, ["fire_extinguisher", "notice_board"]), off_m=0.0)
 
 
 def _hallway(placement: Placement, room: Room) -> None:
     _corridor(placement, room)
     rng = placement.rng
     for _ in range(int(rng.integers(5, 10))):
-        placement.at_wall(room, _any(placement, ["lockers", "lockers", "bench", "bookcase"]), off_m=0.02)
+        placement.at_wall(room, any_of(placement, ["lockers", "lockers", "bench", "bookcase"]), off_m=0.02)
     for _ in range(int(rng.integers(1, 4))):
-        _seating_somewhere(placement, room, 5)
+        put_seating_somewhere(placement, room, 5)
     for _ in range(int(rng.integers(1, 3))):
-        _group_somewhere(placement, room, "round_table", TABLE_THINGS, "chair")
-    _plants(placement, room, 3)
+        put_table_somewhere(placement, room, "round_table", TABLE_THINGS, "chair")
+    put_plants(placement, room, 3)
 
 
 def _lobby(placement: Placement, room: Room) -> None:
@@ -526,7 +333,7 @@ def _lobby(placement: Placement, room: Room) -> None:
                     placement.build("office_chair"),
                     float(sx),
                     float(sy),
-                    yaw + _spin(placement, 30),
+                    yaw + spin(placement, 30),
                     0.0,
                     0.0,
                 )
@@ -534,19 +341,19 @@ def _lobby(placement: Placement, room: Room) -> None:
             break
     area = float(np.prod(high - low))
     for _ in range(int(area / 20)):
-        _seating_somewhere(placement, room, 6)
+        put_seating_somewhere(placement, room, 6)
     for _ in range(int(area / 30)):
-        _group_somewhere(placement, room, "round_table", TABLE_THINGS)
+        put_table_somewhere(placement, room, "round_table", TABLE_THINGS)
     for _ in range(4):
         placement.at_wall(
             room,
-            _any(placement, ["bench", "bookcase", "vending_machine", "bookcase", "filing_cabinet", "tv_stand"]),
+            any_of(placement, ["bench", "bookcase", "vending_machine", "bookcase", "filing_cabinet", "tv_stand"]),
             off_m=0.03,
         )
-    _plants(placement, room, int(rng.integers(3, 7)))
+    put_plants(placement, room, int(rng.integers(3, 7)))
     for _ in range(4):
         placement.somewhere(
-            room, _any(placement, ["plant", "umbrella_stand", "waste_bin", "partition", "bench"]), 6, 0.5
+            room, any_of(placement, ["plant", "umbrella_stand", "waste_bin", "partition", "bench"]), 6, 0.5
         )
 
 
@@ -564,22 +371,22 @@ def _open_plan(placement: Placement, room: Room) -> None:
             at = low + size * (np.array([i, j]) + 0.5) / counts + rng.normal(0, 0.15, 2)
             draw = rng.uniform()
             if draw < 0.72:
-                _island(placement, room, float(at[0]), float(at[1]), np.pi / 2 if upright else 0.0, pairs)
+                put_island(placement, room, float(at[0]), float(at[1]), np.pi / 2 if upright else 0.0, pairs)
             elif draw < 0.84:
-                _seating(placement, room, float(at[0]), float(at[1]), float(rng.integers(0, 2)) * np.pi / 2)
+                put_seating(placement, room, float(at[0]), float(at[1]), float(rng.integers(0, 2)) * np.pi / 2)
             else:
-                _table_group(placement, room, "meeting_table", float(at[0]), float(at[1]), 0.0, TABLE_THINGS)
-    _stores(placement, room, int(rng.integers(8, 14)))
+                put_table(placement, room, "meeting_table", float(at[0]), float(at[1]), 0.0, TABLE_THINGS)
+    put_stores(placement, room, int(rng.integers(8, 14)))
     for _ in range(int(rng.integers(6, 13))):
         placement.somewhere(
             room,
-            _any(placement, ["partition", "filing_cabinet", "plant", "filing_cabinet", "whiteboard_stand"]),
+            any_of(placement, ["partition", "filing_cabinet", "plant", "filing_cabinet", "whiteboard_stand"]),
             6,
             0.35,
             float(rng.integers(0, 4)) * np.pi / 2,
         )
-    _plants(placement, room, int(rng.integers(3, 6)))
-    _sundries(placement, room, ["printer", "coat_stand", "water_cooler", "vending_machine"], 4)
+    put_plants(placement, room, int(rng.integers(3, 6)))
+    put_sundries(placement, room, ["printer", "coat_stand", "water_cooler", "vending_machine"], 4)
 
 
 _MAKERS: dict[str, Callable[[Placement, Room], None]] = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -180,7 +181,7 @@ def _glazing(width: float, tall: float, tint: int) -> list[Mesh]:
     parts.append(box((width - 0.05, 0.012, tall - 0.05), (width / 2, y, tall / 2), "glass", tint))
     parts += [
         box((float(b - a) - 0.05, 0.014, 0.22), (float(a + b) / 2, y, 1.35), "white_plastic", tint)
-        for a, b in zip(posts[:-1], posts[1:], strict=True)
+        for a, b in pairwise(posts)
     ]
     return parts
 

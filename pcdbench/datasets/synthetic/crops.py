@@ -148,7 +148,7 @@ def _survey(environment: Environment, box: tuple[Floats, Floats], rng: np.random
     if len(stations) > 2 and rng.uniform() < 0.25:
         stations = np.delete(stations, int(rng.integers(0, len(stations))), axis=0)
     turns = rng.uniform(-np.pi, np.pi, len(stations))
-    survey = Survey(np.column_stack([stations, turns]), False, 0.34 if large else 0.3, ceiling, 25.0)
+    survey = Survey(np.column_stack([stations, turns]), False, 0.42 if large else 0.36, ceiling, 25.0)
     if large or rng.uniform() > 0.25:
         return survey
     places = np.repeat(stations, 12, axis=0) + rng.normal(0.0, 0.25, (12 * len(stations), 3)) * [1.0, 1.0, 0.3]

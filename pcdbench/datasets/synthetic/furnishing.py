@@ -95,7 +95,8 @@ def _stations(floor: FreeFloor, number: NDArray[np.int32], rng: np.random.Genera
         cells = np.argwhere((number == k) & (floor.clearance >= STATION_CLEARANCE_M))
         if not len(cells):
             continue
-        count = max(1, round((number == k).sum() * CELL_M**2 / STATION_AREA_M2))
+        area = float((number == k).sum()) * CELL_M**2
+        count = max(2 if area > 8.0 else 1, round(area / STATION_AREA_M2))
         places = floor.centers(cells)
         clear = floor.clearance[tuple(cells.T)]
         reach = np.full(len(places), 3.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from pcdbench.datasets.synthetic.plan import (
     windows,
     with_openings,
 )
+
+Columns = tuple[tuple[float, float, float, bool], ...]
 
 LARGE_KINDS = ("corridor", "lobby", "open_plan", "hallway", "corridor", "open_plan")
 SMALL_KINDS = ("office", "meeting", "classroom", "kitchen", "office", "lounge", "meeting", "storage")
@@ -107,9 +110,15 @@ def _with_piers(room: Room, taken: Sequence[Opening], rng: np.random.Generator, 
     return Room(**{**room.__dict__, "outline": outline})
 
 
-def _finished(kind: str, rooms: list[Room], openings: list[Opening | None], rng: np.random.Generator, **more) -> Plan:
+def _finished(
+    kind: str,
+    rooms: list[Room],
+    openings: list[Opening | None],
+    rng: np.random.Generator,
+    columns: Columns = (),
+) -> Plan:
     """The plan with windows in the outer walls and piers where there is room for them."""
-    plan = Plan(kind, tuple(rooms), tuple(opening for opening in openings if opening is not None), **more)
+    plan = Plan(kind, tuple(rooms), tuple(opening for opening in openings if opening is not None), columns)
     for room in rooms:
         plan = with_openings(plan, windows(plan, room, rng))
     shaped = tuple(_with_piers(room, plan.openings, rng, 0.25 if room.use != "corridor" else 0.15) for room in rooms)
@@ -209,9 +218,7 @@ def _hallway(rng: np.random.Generator) -> Plan:
     return _finished("hallway", rooms, openings, rng)
 
 
-def _columns(
-    low: tuple[float, float], high: tuple[float, float], rng: np.random.Generator
-) -> tuple[tuple[float, float, float, bool], ...]:
+def _columns(low: tuple[float, float], high: tuple[float, float], rng: np.random.Generator) -> Columns:
     """Columns on a grid inside a rectangle, some metres off its walls."""
     half, is_round = float(rng.uniform(0.18, 0.3)), bool(rng.uniform() < 0.5)
     counts = [max(1, round((b - a) / float(rng.uniform(5.0, 6.5))) - 1) for a, b in zip(low, high, strict=True)]
@@ -258,7 +265,7 @@ def _front(room: Room, rng: np.random.Generator) -> list[Opening | None]:
             top = room.height - float(rng.uniform(0.3, 0.8))
             return [
                 Opening(start + along * (a + 0.15), start + along * (b - 0.15), 0.05, top, "window")
-                for a, b in zip(ends[:-1], ends[1:], strict=True)
+                for a, b in pairwise(ends)
             ]
     return []
 

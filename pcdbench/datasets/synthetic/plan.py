@@ -162,15 +162,6 @@ def contains(outline: Floats, points: ArrayLike) -> NDArray[np.bool_]:
     return (crosses & (x < ax + (y - ay) / rise * (bx - ax))).sum(axis=1) % 2 == 1
 
 
-def distance_to_walls(outline: Floats, points: ArrayLike) -> Floats:
-    """(N,) distance of (N, 2) points to the polygon's border, metres."""
-    where = np.asarray(points, np.float64).reshape(-1, 1, 2)
-    start = outline[None]
-    step = np.roll(outline, -1, axis=0)[None] - start
-    share = np.clip(((where - start) * step).sum(-1) / (step**2).sum(-1), 0.0, 1.0)
-    return np.sqrt((((start + share[..., None] * step) - where) ** 2).sum(-1)).min(axis=1)
-
-
 def connect(
     rooms: Sequence[Room], a: int, b: int, kind: str, width: float, rng: np.random.Generator, top: float = 2.05
 ) -> Opening | None:
