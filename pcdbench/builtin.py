@@ -17,3 +17,8 @@ def register_incompletenesses(register: Register) -> None:
         "pcdbench.incompletenesses.short_scan:ShortScan",
         "what a short hand-held walk leaves unseen",
     )
+    register(
+        "real_pair",
+        "pcdbench.incompletenesses.real_pair:RealPair",
+        "another, shorter scan of the same place (clouds, rgbd)",
+    )

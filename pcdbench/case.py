@@ -20,9 +20,11 @@ class Case:
     Attributes:
         scene: the scene, complete.
         incompleteness: the name of what took points away.
-        level: the share of the complete cloud that was taken, in (0, 1).
+        level: the share of the complete cloud that is missing, in (0, 1); of a real pair, as measured.
         seed: the draw; the same seed takes the same points.
-        kept: (N,) mask over `scene.complete` of the points that are left.
+        kept: (N,) mask over `scene.complete` of the points that are left; of a real pair, of those that the
+            incomplete scan saw too.
+        scan: the incomplete cloud where it is a scan of its own (a real pair), else None.
     """
 
     scene: Scene
@@ -30,11 +32,12 @@ class Case:
     level: float
     seed: int
     kept: NDArray[np.bool_]
+    scan: PointCloud | None = None
 
     @property
     def cloud(self) -> PointCloud:
-        """What is left of the complete cloud: the completer's input."""
-        return self.scene.complete.select(self.kept)
+        """The completer's input: what is left of the complete cloud, or the incomplete scan of a real pair."""
+        return self.scene.complete.select(self.kept) if self.scan is None else self.scan
 
     @property
     def removed(self) -> PointCloud:
@@ -47,16 +50,20 @@ def make_case(scene: Scene, name: str, incompleteness: Incompleteness, level: fl
 
     Args:
         name: the name the incompleteness is registered under, kept in the case.
+        level: passed over where the incompleteness has no levels; the case has the measured one.
 
     Raises:
         PcdbenchError: where the level is not in (0, 1) or the incompleteness breaks its contract.
     """
-    if not 0.0 < level < 1.0:
+    if incompleteness.has_levels and not 0.0 < level < 1.0:
         raise PcdbenchError(f"level must lie between 0 and 1 (a share of the cloud), not {level}")
-    kept = np.asarray(incompleteness.kept(scene, level, np.random.default_rng(seed)))
+    rng = np.random.default_rng(seed)
+    kept = np.asarray(incompleteness.kept(scene, level, rng))
     if kept.shape != (len(scene.complete),) or kept.dtype != np.bool_:
         raise PcdbenchError(
             f"incompleteness {name!r} must return a boolean mask over the {len(scene.complete)} complete points, "
             f"not {kept.dtype} of shape {kept.shape}"
         )
-    return Case(scene, name, level, seed, kept)
+    if not incompleteness.has_levels:
+        level = 1.0 - float(kept.mean())
+    return Case(scene, name, level, seed, kept, incompleteness.scan(scene, kept, rng))

@@ -81,6 +81,9 @@ class Scene:
         surface: the mesh it was scanned from, or None for real scans.
         source: where it came from, for people (a file, a generator with its seed).
         info: facts for people and figures (kind of room, extent); nothing is computed from it.
+        partial: what another, shorter scan of the same place saw, in the scene's frame: the other half of a real
+            pair (incompleteness `real_pair`). None for most scenes.
+        viewpoints: (V, 3) metres, where the complete scan was taken from, where that is known.
     """
 
     name: str
@@ -91,6 +94,8 @@ class Scene:
     surface: Surface | None = None
     source: str = ""
     info: Mapping[str, str] = field(default_factory=dict)
+    partial: PointCloud | None = None
+    viewpoints: NDArray[np.float64] | None = None
 
     @property
     def longest_side_m(self) -> float:

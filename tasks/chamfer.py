@@ -9,6 +9,7 @@ from pcdbench import options
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import PcdbenchError, Skipped
+from pcdbench.evidence import judged
 from pcdbench.geometry.chamfer import CloudDistances
 from pcdbench.task import Measurements, Metric, Task
 
@@ -44,6 +45,7 @@ class Chamfer(Task):
             raise Skipped("the complete cloud has no extent to normalise by")
         if not len(completed):
             raise PcdbenchError("the completed cloud is empty: no distance can be measured")
+        completed, trace = judged(case, completed)
         distances = CloudDistances.between(completed.points, case.scene.complete.points)
         return Measurements(
             {
@@ -52,5 +54,6 @@ class Chamfer(Task):
                 "completeness_m": [float(distances.to_completed.mean())],
                 "f_score": [distances.f_score(self.options.f_score_share * side_m)],
                 "hole_chd": [distances.chamfer_within(~case.kept) / side_m**2],
-            }
+            },
+            trace=trace,
         )

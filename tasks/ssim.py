@@ -9,6 +9,7 @@ from pcdbench import options
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import Skipped
+from pcdbench.evidence import judged
 from pcdbench.geometry.projection import six_face_similarity
 from pcdbench.geometry.voxels import VoxelGrid, edge_from_density, voxelize
 from pcdbench.task import Measurements, Metric, Task
@@ -34,6 +35,7 @@ class Ssim(Task):
     def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
         """One value; nothing is random."""
         complete = case.scene.complete
+        completed, trace = judged(case, completed)
         if complete.colors is None or completed.colors is None:
             raise Skipped("ssim compares colours, and the cloud has none")
         edge_m = edge_from_density(complete.points, self.options.voxel_spacings)
@@ -48,4 +50,4 @@ class Ssim(Task):
                 f"no voxel holds {self.options.voxel_points} points of the complete cloud: it is too thin to see"
             )
         answer = voxelize(completed.points, completed.colors, grid, self.options.voxel_points)
-        return Measurements({"ssim": [six_face_similarity(answer, truth)]})
+        return Measurements({"ssim": [six_face_similarity(answer, truth)]}, trace=trace)

@@ -35,7 +35,7 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
             clouds.append((cell.completer.name, executor.completion(cell, case)[0].cloud))
         except Failure:
             continue
-    path = folder / f"case_{first.scene}_{case.level:.2g}.png"
+    path = folder / f"case_{first.scene}_{case.level:.3g}.png"
     title = f"{first.scene}: {case.level:.0%} missing ({first.incompleteness.name})"
     write_picture(path, clouds, title, case.scene.complete)
     return path

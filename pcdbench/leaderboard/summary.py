@@ -51,8 +51,9 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     """The summary of rows, in their order of tasks, metrics and completers; levels ascend.
 
     Columns: those of `GROUP`; reference, unit, direction, summary, main; scenes, cases (measured), missing (the mean
-    share that was missing), failed and skipped (cases without measurements; timeouts count as failed); median, p90 and mean, each with `_low` and
-    `_high` of its 95 % bootstrap interval over scenes; seconds and memory_mb, the medians of completing.
+    share that was missing), failed and skipped (cases without measurements; timeouts count as failed); median, p90
+    and mean, each with `_low` and `_high` of its 95 % bootstrap interval over scenes; seconds and memory_mb, the
+    medians of completing.
     A completer of which nothing was measured has a line for its task's main metric, without numbers.
     """
     samples = samples_table(rows)

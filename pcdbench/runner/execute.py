@@ -60,9 +60,10 @@ class Executor:
         base |= {
             "points": {
                 "complete": len(case.scene.complete),
-                "incomplete": int(case.kept.sum()),
+                "incomplete": len(case.cloud),
                 "completed": len(completion.cloud),
             },
+            "missing": case.level,
             "completing": {key: completion.facts[key] for key in ("seconds", "peak_memory_mb")} | {"cached": cached},
             "device": completion.facts["device"],
         }

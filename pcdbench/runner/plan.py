@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.incompleteness import MEASURED
 from pcdbench.keys import digest, seed_from
 from pcdbench.plugins import Kind, did_you_mean, registry
 from pcdbench.runner.selection import Plugin, option_targets, parse_options, select
@@ -46,6 +47,7 @@ class Cell:
         dataset: identity of the data set (see `Plugin.identity`).
         scene_digest: what decides the scene's content beside that.
         draw: number of the case among those of the same scene, incompleteness and level.
+        level: `MEASURED` where the incompleteness has no levels.
     """
 
     dataset: str
@@ -105,7 +107,7 @@ class Plan:
             for draw in range(self.draws)
             for incompleteness in self.incompletenesses
             for seed in [case_seed(self.seed, self.dataset.name, scene, incompleteness.name, draw)]
-            for level in self.levels
+            for level in (self.levels if incompleteness.has_levels else (MEASURED,))
             for completer in self.completers
         )
 

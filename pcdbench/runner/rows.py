@@ -39,6 +39,7 @@ def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
         "detail": None,
         "metrics": {},
         "trace": {},
+        "missing": None,
         "points": None,
         "completing": None,
         "evaluating": None,

@@ -34,6 +34,7 @@ class Plugin:
         code: digest of the file its class is in. Development changes code without raising a version: then
             completions cached before are not reused, and an old run is not taken up again.
         path: what follows the colon in `--dataset NAME:PATH`; where data lies decides no outcome.
+        has_levels: of an incompleteness: whether `--level` applies.
     """
 
     kind: Kind
@@ -44,6 +45,7 @@ class Plugin:
     weights: str | None = None
     code: str = ""
     path: str | None = None
+    has_levels: bool = True
 
     def describe(self) -> dict[str, Any]:
         """What a result row says about it."""
@@ -100,6 +102,7 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         reference=registration.reference,
         code=_code_digest(cls),
         path=path,
+        has_levels=getattr(cls, "has_levels", True),
     )
     return replace(plugin, weights=_weights(plugin, cls)) if kind == "completer" else plugin
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from pcdbench.cloud import PointCloud
-from pcdbench.datasets import clouds as clouds_module
+from pcdbench.datasets import scans
 from pcdbench.datasets.clouds import Clouds, _scene_names
 from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.formats import CloudWarning
@@ -130,12 +130,12 @@ def test_the_first_of_equal_points_stays(count, cells, seed):
         if tuple(point) not in seen:
             seen.add(tuple(point))
             first.append(row)
-    np.testing.assert_array_equal(clouds_module._without_duplicates(PointCloud(points)).points, points[first])
+    np.testing.assert_array_equal(scans.without_duplicates(PointCloud(points)).points, points[first])
 
 
 def test_huge_clouds_are_thinned_before_sampling(tmp_path, monkeypatch):
     room(3000).write(tmp_path / "huge.ply")
-    monkeypatch.setattr(clouds_module, "_MOST_TO_SAMPLE", 1000)
+    monkeypatch.setattr(scans, "_MOST_TO_SAMPLE", 1000)
     scene = opened(tmp_path, complete_points=300).scene("huge")
     assert (len(scene.dense), len(scene.complete), len(set(scene.complete_index))) == (3000, 300, 300)
     np.testing.assert_array_equal(scene.dense.points[scene.complete_index], scene.complete.points)

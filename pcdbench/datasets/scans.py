@@ -1,0 +1,163 @@
+"""What every data set of real scans shares: a cloud becomes a scene, files become digests."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import warnings
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.cloud import PointCloud
+from pcdbench.errors import CloudError
+from pcdbench.formats import CloudWarning
+from pcdbench.keys import digest, file_digest
+from pcdbench.paths import cache_dir
+from pcdbench.scene import Scene, TaggedObject
+
+# With fewer points the lowest usual level, 10 %, takes away no whole one.
+FEWEST_POINTS = 10
+# A cloud this much thinner than long (standard deviations) is a line: it has no surface to complete.
+_THINNEST = 1e-5
+# More than this is thinned at random before the Poisson-disk sample, whose cost grows with its source.
+_MOST_TO_SAMPLE = 2_000_000
+_SMALLEST_M, _LARGEST_M = 0.5, 500.0
+_HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
+
+
+def scene_of_scan(
+    name: str,
+    scan: PointCloud,
+    source: Path,
+    complete_points: int,
+    seed: int,
+    *,
+    objects: tuple[TaggedObject, ...] = (),
+    partial: PointCloud | None = None,
+    viewpoints: NDArray[np.float64] | None = None,
+    info: Mapping[str, str] | None = None,
+) -> Scene:
+    """The scene of a scan: `dense` is all of it, `complete` a Poisson-disk sample of `complete_points` of its points.
+
+    Points that repeat another's coordinates are dropped first. A scale that is odd indoors gets a `CloudWarning`.
+
+    Args:
+        source: the file or folder that the scan came from.
+        seed: decides the sample.
+
+    Raises:
+        CloudError: where the scan is too small to be measured.
+    """
+    dense = without_duplicates(scan)
+    _require_surface(dense, source)
+    _warn_of_scale(dense, source)
+    index = _sample(dense.points, complete_points, seed)
+    extent = " x ".join(f"{side:.2f}" for side in np.ptp(dense.points, axis=0)) + " m"
+    return Scene(
+        name=name,
+        complete=dense.select(index),
+        dense=dense,
+        complete_index=index,
+        objects=objects,
+        source=str(source),
+        info={"extent": extent, **(info or {})},
+        partial=partial,
+        viewpoints=viewpoints,
+    )
+
+
+def without_duplicates(cloud: PointCloud) -> PointCloud:
+    """The cloud without the points that repeat an earlier one's coordinates."""
+    # Equal points have equal hashes: only the few that share one are compared, which is fast for millions.
+    bits = (cloud.points + 0.0).view(np.uint64)
+    bits ^= bits >> np.uint64(32)
+    hashes = bits @ _HASH_FACTORS
+    order = np.argsort(hashes, kind="stable")
+    same = np.diff(hashes[order]) == 0
+    suspects = np.sort(order[np.append(same, False) | np.insert(same, 0, False)])
+    if not len(suspects):
+        return cloud
+    _, first = np.unique(cloud.points[suspects], axis=0, return_index=True)
+    kept = np.ones(len(cloud), dtype=bool)
+    kept[suspects] = False
+    kept[suspects[first]] = True
+    return cloud.select(kept)
+
+
+def content_digest(path: Path) -> str:
+    """SHA-256 of a file, computed once as long as the file stays as it is.
+
+    Raises:
+        CloudError: where it cannot be read.
+    """
+    try:
+        status = path.stat()
+        return _digest_of_version(path, status.st_size, status.st_mtime_ns)
+    except OSError as error:
+        raise CloudError(f"{path} cannot be read: {error.strerror}; check the file") from error
+
+
+def folder_digest(root: Path, paths: Sequence[Path]) -> str:
+    """Digest of the names and bytes of files under `root`; remembered in the cache folder while they stay as they are.
+
+    Raises:
+        CloudError: where one cannot be read.
+    """
+    try:
+        states = [(str(path), path.stat().st_size, path.stat().st_mtime_ns) for path in paths]
+    except OSError as error:
+        raise CloudError(f"{error.filename} cannot be read: {error.strerror}; check the file") from error
+    memory = cache_dir() / "digests" / digest(states)
+    try:
+        return memory.read_text()
+    except OSError:
+        pass
+    found = digest([(path.relative_to(root).as_posix(), content_digest(path)) for path in paths])
+    memory.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=memory.parent)
+    with os.fdopen(handle, "w") as stream:
+        stream.write(found)
+    os.replace(temporary, memory)
+    return found
+
+
+@lru_cache(maxsize=16384)
+def _digest_of_version(path: Path, size: int, modified_ns: int) -> str:
+    return file_digest(path)
+
+
+def _require_surface(cloud: PointCloud, path: Path) -> None:
+    if len(cloud) < FEWEST_POINTS:
+        raise CloudError(
+            f"{path} has {len(cloud)} distinct points; at least {FEWEST_POINTS} are needed to take some away"
+        )
+    _, middle, largest = np.linalg.eigvalsh(np.cov(cloud.points - cloud.points[0], rowvar=False))
+    if middle <= _THINNEST**2 * largest:
+        raise CloudError(f"{path}: its {len(cloud):,} points lie on one line; there is no surface to complete")
+
+
+def _warn_of_scale(cloud: PointCloud, path: Path) -> None:
+    longest = float(np.ptp(cloud.points, axis=0).max())
+    if not _SMALLEST_M <= longest <= _LARGEST_M:
+        guess = "millimetres" if longest > _LARGEST_M else "kilometres or normalised"
+        warnings.warn(
+            f"{path}: its longest side is {longest:,.4g} m, odd for an indoor scan; is its unit {guess}? "
+            "It is used as it is; pcdbench takes metres",
+            CloudWarning,
+            stacklevel=4,
+        )
+
+
+def _sample(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.int64]:
+    """Sorted rows of a Poisson-disk sample of `count` points (all of them where there are no more)."""
+    from pcdbench.geometry.sampling import poisson_disk_indices
+
+    rng = np.random.default_rng(seed)
+    if len(points) <= _MOST_TO_SAMPLE:
+        return poisson_disk_indices(points, count, rng)
+    rows = np.sort(rng.choice(len(points), max(_MOST_TO_SAMPLE, count), replace=False))
+    return rows[poisson_disk_indices(points[rows], count, rng)]
