@@ -5,11 +5,11 @@ import time
 import numpy as np
 import pandas as pd
 import pytest
+from pcdbench_tasks.tracking import Tracking
 
 from pcdbench.geometry.freespace import BODY_RADIUS_M
 from pcdbench.geometry.scanning import scanned
 from pcdbench.scene import Scene
-from pcdbench_tasks.tracking import Tracking
 
 
 def evaluated(case, completed, seed=0, **options):
