@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError, PcdbenchError
-from pcdbench.formats.columns import CloudWarning, Columns
+from pcdbench.formats.columns import NO_FIELDS, CloudWarning, Columns, Fields
 
-__all__ = ["EXTENSIONS", "CloudWarning", "read_cloud", "write_cloud"]
+__all__ = ["EXTENSIONS", "CloudWarning", "carries_fields", "read_cloud", "read_fields", "write_cloud"]
 
 _MODULE_OF_EXTENSION = {
     ".ply": "ply",
@@ -30,6 +31,7 @@ _MODULE_OF_EXTENSION = {
     ".npz": "npz",
 }
 EXTENSIONS = tuple(_MODULE_OF_EXTENSION)
+_WITHOUT_FIELDS = (".e57",)
 _MESH_EXTENSIONS = (".obj", ".stl", ".off", ".gltf", ".glb", ".dae", ".fbx", ".3ds")
 
 # Scanners write huge numbers where nothing came back; no map has coordinates like these.
@@ -46,6 +48,36 @@ def read_cloud(path: Path) -> PointCloud:
         CloudError: naming the file and the cure, whatever is wrong with it.
     """
     path = Path(path)
+    return _valid_cloud(_read(path, "read"), path)
+
+
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """What a file holds of each point besides coordinates and colours: {name: (N,) numbers}, one for each row.
+
+    Rows without valid coordinates, which `read_cloud` drops, are among them.
+
+    Raises:
+        CloudError: naming the file and the cure, whatever is wrong with it.
+    """
+    path = Path(path)
+    if not carries_fields(path):
+        raise CloudError(f"{path}: {path.suffix} files are read for coordinates and colours alone; use PLY or NPZ")
+    fields: dict[str, NDArray[Any]] = _read(path, "read_fields")
+    return fields
+
+
+def carries_fields(path: Path) -> bool:
+    """Whether the format of the path's extension can hold further fields of each point.
+
+    Raises:
+        CloudError: for an unknown extension.
+    """
+    _format_module(Path(path))
+    return Path(path).suffix.lower() not in _WITHOUT_FIELDS
+
+
+def _read(path: Path, what: str) -> Any:
+    """What the format's function of this name reads, every failure made one line."""
     module = _format_module(path)
     if not path.exists():
         raise CloudError(f"{path}: there is no such file; check the path")
@@ -54,7 +86,7 @@ def read_cloud(path: Path) -> PointCloud:
     try:
         if path.stat().st_size == 0:
             raise CloudError(f"{path} is empty (0 bytes); export or copy it again")
-        columns = module.read(path)
+        return getattr(module, what)(path)
     except PcdbenchError:
         raise
     except MemoryError as error:
@@ -63,17 +95,24 @@ def read_cloud(path: Path) -> PointCloud:
         # Six parsers, three of them not ours, meet arbitrary bytes here: none of their errors is a bug of the caller.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise CloudError(f"{path} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again") from error
-    return _valid_cloud(columns, path)
 
 
-def write_cloud(cloud: PointCloud, path: Path) -> None:
+def write_cloud(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, *, exact: bool = False) -> None:
     """Write a cloud; its folder is created, and the file appears complete or not at all.
 
     Coordinates keep 0.05 mm at any map offset; colours are rounded to 8 bits, in LAS and LAZ to 16, and kept
     as they are in NPZ.
 
+    Args:
+        cloud: at least one point.
+        path: its extension decides the format.
+        fields: further numbers of each point, (N,) bool or uint8 (written as 8-bit whole numbers) or float32.
+        exact: coordinates are kept to the last bit in PLY, PCD (double where float would round at all) and
+            NPZ, to a nanometre in text, and in LAS wherever a scale down to 100 nm reaches them.
+
     Raises:
-        CloudError: for an empty cloud, an unknown extension or a place that cannot be written.
+        CloudError: for an empty cloud, an unknown extension, fields where the format has none (E57), or a place
+            that cannot be written.
     """
     path = Path(path)
     module = _format_module(path)
@@ -81,10 +120,12 @@ def write_cloud(cloud: PointCloud, path: Path) -> None:
         raise CloudError(f"{path}: the cloud to be written has no points")
     if path.is_dir():
         raise CloudError(f"{path} is a folder; name a file in it")
+    if fields and not carries_fields(path):
+        raise CloudError(f"{path}: {path.suffix} files cannot hold {', '.join(fields)}; write PLY, LAS or NPZ")
     unfinished = path.with_name(f".{path.stem[:100]}-{secrets.token_hex(4)}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        module.write(cloud, unfinished)
+        module.write(cloud, unfinished, fields, exact)
         os.replace(unfinished, path)
     except OSError as error:
         raise CloudError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error

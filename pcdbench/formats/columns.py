@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,10 @@ from pcdbench.errors import CloudError
 _ROUNDING = 1e-3
 _COLOR_NAMES = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 LARGEST_FLOAT32_ERROR_M = 5e-5
+
+# Further numbers of each point, by name: (N,) bool, uint8 or float32.
+Fields = Mapping[str, NDArray[Any]]
+NO_FIELDS: Fields = {}
 
 
 class CloudWarning(UserWarning):
@@ -73,9 +77,15 @@ def color_bytes(colors: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.rint(colors * np.float32(255)).astype(np.uint8)
 
 
-def needs_double(points: NDArray[np.float64]) -> bool:
-    """Whether single precision would move a point by more than 0.05 mm."""
-    return bool(np.any(np.abs(points - points.astype(np.float32)) > LARGEST_FLOAT32_ERROR_M))
+def needs_double(points: NDArray[np.float64], exact: bool = False) -> bool:
+    """Whether single precision would move a point by more than 0.05 mm, or, where it must be exact, at all."""
+    tolerance_m = 0.0 if exact else LARGEST_FLOAT32_ERROR_M
+    return bool(np.any(np.abs(points - points.astype(np.float32)) > tolerance_m))
+
+
+def whole_bytes(field: NDArray[Any]) -> bool:
+    """Whether a field is written as 8-bit whole numbers (else as single precision)."""
+    return field.dtype.kind in "bu" and field.dtype.itemsize == 1
 
 
 def require_bytes(path: Path, promised: int, count: int, present: int) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import Columns, color_bytes, require_bytes, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, color_bytes, require_bytes, unit_colors
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -33,8 +33,11 @@ def read(path: Path) -> Columns:
     return Columns(points, np.concatenate(colors) if len(colors) == len(scans) else None)
 
 
-def write(cloud: PointCloud, path: Path) -> None:
-    """Write one scan; its pose carries the map offset, as pye57 stores coordinates in single precision."""
+def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+    """Write one scan; its pose carries the map offset, as pye57 stores coordinates in single precision.
+
+    There are no fields to write (`carries_fields`), and single precision is as exact as it gets.
+    """
     import pye57
 
     offset = np.floor(cloud.points.min(axis=0) / 2 + cloud.points.max(axis=0) / 2)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import Columns, require_bytes, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, require_bytes, unit_colors, whole_bytes
 
 _SCALE_M = 1e-4
+_EXACT_SCALES_M = (1e-4, 1e-5, 1e-6, 1e-7)
 _POINTS_A_PIECE = 1_000_000
 _HEADER_BYTES = 227
 _RECORD_HEADER_BYTES = 54
@@ -31,6 +34,16 @@ def read(path: Path) -> Columns:
         if type(error).__name__ != "PanicException":
             raise
         raise CloudError(f"{path}: its compressed points are damaged; copy or export it again") from error
+
+
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """The extra dimensions of a LAS or LAZ file."""
+    import laspy
+
+    _require_sound_header(path)
+    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
+        las = reader.read()
+    return {name: np.asarray(las[name]) for name in las.point_format.extra_dimension_names}
 
 
 def _columns(path: Path) -> Columns:
@@ -59,22 +72,41 @@ def _columns(path: Path) -> Columns:
     return Columns(np.concatenate(points), unit_colors(all_colors, path))
 
 
-def write(cloud: PointCloud, path: Path) -> None:
-    """Write LAS 1.2 with coordinates of 0.1 mm from a whole-metre offset near the cloud, and 16-bit colours."""
+def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+    """Write LAS 1.2 with coordinates of 0.1 mm from a whole-metre offset near the cloud, and 16-bit colours.
+
+    Fields become extra dimensions. Where it must be exact, coordinates are as fine as it takes, down to 100 nm.
+    """
     import laspy
 
     offset = np.floor(cloud.points.min(axis=0) / 2 + cloud.points.max(axis=0) / 2)
-    if np.abs(cloud.points - offset).max() / _SCALE_M > np.iinfo(np.int32).max:
+    scale_m = _finest_needed(cloud.points - offset) if exact else _SCALE_M
+    if np.abs(cloud.points - offset).max() / scale_m > np.iinfo(np.int32).max:
         raise CloudError(f"{path}: LAS holds clouds of up to 400 km at 0.1 mm; write PLY instead")
     header = laspy.LasHeader(version="1.2", point_format=0 if cloud.colors is None else 2)
-    header.scales = np.full(3, _SCALE_M)
+    header.scales = np.full(3, scale_m)
     header.offsets = offset
+    for name, field in fields.items():
+        header.add_extra_dim(laspy.ExtraBytesParams(name, np.uint8 if whole_bytes(field) else np.float32))
     las = laspy.LasData(header)
     las.x, las.y, las.z = cloud.points.T
     if cloud.colors is not None:
         las.red, las.green, las.blue = np.rint(cloud.colors * np.float64(65535)).astype(np.uint16).T
+    for name, field in fields.items():
+        las[name] = field.astype(np.uint8 if whole_bytes(field) else np.float32)
     with path.open("wb") as stream:
         las.write(stream, do_compress=path.suffix.lower() == ".laz", laz_backend=laspy.LazBackend.Lazrs)
+
+
+def _finest_needed(points: NDArray[np.float64]) -> float:
+    """The coarsest of the scales (metres) at which points survive to the nanometre, else the finest that fits them."""
+    largest = float(np.abs(points).max())
+    fitting = [scale for scale in _EXACT_SCALES_M if largest / scale < np.iinfo(np.int32).max]
+    for scale in fitting:
+        steps = points / scale
+        if np.abs(steps - np.rint(steps)).max() * scale < 1e-9:
+            return scale
+    return fitting[-1] if fitting else _SCALE_M
 
 
 def _require_sound_header(path: Path) -> None:

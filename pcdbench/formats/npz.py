@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import Columns, require_bytes, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, require_bytes, unit_colors
 
 # Deflate shrinks nothing to less than a 1032nd (zlib's own figure).
 _MOST_DEFLATED = 1032
@@ -33,9 +33,16 @@ def read(path: Path) -> Columns:
     return Columns(points.astype(np.float64), None if colors is None else unit_colors(colors, path))
 
 
-def write(cloud: PointCloud, path: Path) -> None:
-    """Write double coordinates and float32 colours, compressed: nothing is lost."""
-    arrays: dict[str, Any] = {"points": cloud.points}
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """All other arrays of one number a point."""
+    with np.load(path, allow_pickle=False) as arrays:
+        count = len(arrays["points"])
+        return {name: arrays[name] for name in arrays.files if arrays[name].shape == (count,)}
+
+
+def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+    """Write double coordinates and float32 colours, compressed: nothing is lost, asked or not."""
+    arrays: dict[str, Any] = {"points": cloud.points, **fields}
     if cloud.colors is not None:
         arrays["colors"] = cloud.colors
     with path.open("wb") as stream:

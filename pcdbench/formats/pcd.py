@@ -16,14 +16,18 @@ from numpy.typing import NDArray
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
+    NO_FIELDS,
     Columns,
+    Fields,
     color_bytes,
     coordinate_and_color_names,
     needs_double,
     require_bytes,
     unit_colors,
+    whole_bytes,
 )
 
+_PACKED = ("rgb", "rgba")
 _KINDS = {"F": "f", "U": "u", "I": "i"}
 # LZF's longest back reference gives 264 bytes for 3.
 _MOST_COMPRESSED = 88
@@ -34,6 +38,29 @@ def read(path: Path) -> Columns:
 
     The VIEWPOINT is where the scanner stood; it is not applied to the points, as PCL does not.
     """
+    row_type, rows = _rows(path)
+    names = list(row_type.names or ())
+    xyz, rgb = coordinate_and_color_names([name for name in names if row_type[name].shape == ()])
+    if not xyz:
+        raise CloudError(f"{path} has no fields x, y and z but {' '.join(names)}; export it as a point cloud")
+    points = np.stack([rows[name].astype(np.float64) for name in xyz], axis=1)
+    packed = next((name for name in _PACKED if name in names), None)
+    if packed:
+        return Columns(points, unit_colors(_unpacked(rows[packed], path), path))
+    colors = np.stack([rows[name] for name in rgb], axis=1) if rgb else None
+    return Columns(points, None if colors is None else unit_colors(colors, path))
+
+
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """All other fields of one number a point; padding is none."""
+    row_type, rows = _rows(path)
+    names = [name for name in row_type.names or () if row_type[name].shape == () and not name.startswith("_")]
+    xyz, rgb = coordinate_and_color_names(names)
+    return {name: np.asarray(rows[name]) for name in names if name not in [*xyz, *rgb, *_PACKED]}
+
+
+def _rows(path: Path) -> tuple[np.dtype[Any], Any]:
+    """The type of a row, and the rows: an array of that type, or each column by its name."""
     with path.open("rb") as stream:
         header = _header(stream, path)
         row_type, count = _row_type(header, path)
@@ -41,48 +68,46 @@ def read(path: Path) -> Columns:
         match header["DATA"]:
             case ["ascii"]:
                 require_bytes(path, 2 * count * _width(row_type) - 1, count, present)
-                rows: Any = _ascii_rows(stream, row_type, count, path)
+                return row_type, _ascii_rows(stream, row_type, count, path)
             case ["binary"]:
                 require_bytes(path, count * row_type.itemsize, count, present)
-                rows = np.fromfile(stream, dtype=row_type, count=count)
+                return row_type, np.fromfile(stream, dtype=row_type, count=count)
             case ["binary_compressed"]:
-                rows = _compressed_rows(stream, row_type, count, present, path)
+                return row_type, _compressed_rows(stream, row_type, count, present, path)
             case other:
                 raise CloudError(f"{path}: its data is {' '.join(other)!r}; save it as ascii or binary PCD")
-    names = list(row_type.names or ())
-    xyz, rgb = coordinate_and_color_names([name for name in names if row_type[name].shape == ()])
-    if not xyz:
-        raise CloudError(f"{path} has no fields x, y and z but {' '.join(names)}; export it as a point cloud")
-    points = np.stack([rows[name].astype(np.float64) for name in xyz], axis=1)
-    packed = next((name for name in ("rgb", "rgba") if name in names), None)
-    if packed:
-        return Columns(points, unit_colors(_unpacked(rows[packed], path), path))
-    colors = np.stack([rows[name] for name in rgb], axis=1) if rgb else None
-    return Columns(points, None if colors is None else unit_colors(colors, path))
 
 
-def write(cloud: PointCloud, path: Path) -> None:
-    """Write binary PCD: x y z as float, or as double where float would lose more than 0.05 mm; packed `rgb`."""
-    size = 8 if needs_double(cloud.points) else 4
-    fields = dict.fromkeys("xyz", size)
+def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+    """Write binary PCD: x y z as float, or as double where float would lose more than 0.05 mm; packed `rgb`.
+
+    Fields follow. Where it must be exact, coordinates are double if float would lose anything.
+    """
+    size = 8 if needs_double(cloud.points, exact) else 4
+    columns = dict.fromkeys("xyz", ("F", size))
     kinds = [(name, f"<f{size}") for name in "xyz"]
     if cloud.colors is not None:
-        fields["rgb"] = 4
+        columns["rgb"] = ("F", 4)
         # By PCL's custom a float in the header, whose bits are the colour.
         kinds.append(("rgb", "<u4"))
+    for name, field in fields.items():
+        columns[name] = ("U", 1) if whole_bytes(field) else ("F", 4)
+        kinds.append((name, "u1" if whole_bytes(field) else "<f4"))
     rows = np.empty(len(cloud), dtype=kinds)
     for name, column in zip("xyz", cloud.points.T, strict=True):
         rows[name] = column
     if cloud.colors is not None:
         red, green, blue = color_bytes(cloud.colors).astype(np.uint32).T
         rows["rgb"] = red << 16 | green << 8 | blue
+    for name, field in fields.items():
+        rows[name] = field
     header = [
         "# .PCD v0.7 - Point Cloud Data file format",
         "VERSION 0.7",
-        "FIELDS " + " ".join(fields),
-        "SIZE " + " ".join(map(str, fields.values())),
-        "TYPE " + " ".join("F" * len(fields)),
-        "COUNT " + " ".join("1" * len(fields)),
+        "FIELDS " + " ".join(columns),
+        "SIZE " + " ".join(str(size) for _, size in columns.values()),
+        "TYPE " + " ".join(kind for kind, _ in columns.values()),
+        "COUNT " + " ".join("1" * len(columns)),
         f"WIDTH {len(cloud)}",
         "HEIGHT 1",
         "VIEWPOINT 0 0 0 1 0 0 0",

@@ -17,12 +17,15 @@ from numpy.typing import NDArray
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
+    NO_FIELDS,
     Columns,
+    Fields,
     color_bytes,
     coordinate_and_color_names,
     needs_double,
     require_bytes,
     unit_colors,
+    whole_bytes,
 )
 
 _TYPES = {
@@ -67,40 +70,61 @@ class _Element:
 
 def read(path: Path) -> Columns:
     """The element `vertex` of a PLY file: properties in any order and type; everything else in it is passed over."""
-    with path.open("rb") as stream:
-        byte_order, elements = _header(stream, path)
-        names = [element.name for element in elements]
-        if "vertex" not in names:
-            raise CloudError(f"{path} has no element vertex; export it as a point cloud")
-        position = names.index("vertex")
-        vertex = elements[position]
-        xyz, rgb = coordinate_and_color_names([item.name for item in vertex.properties if not item.count_type])
-        if not xyz:
-            raise CloudError(f"{path}: its vertices have no x, y and z; export it as a point cloud")
-        present = path.stat().st_size - stream.tell()
-        if byte_order:
-            require_bytes(path, vertex.count * vertex.smallest_row(), vertex.count, present)
-            rows = _binary_rows(stream, elements[:position], vertex, byte_order, path)
-        else:
-            require_bytes(path, 2 * vertex.count * len(vertex.properties) - 1, vertex.count, present)
-            rows = _ascii_rows(stream, elements[:position], vertex, xyz + rgb, path)
+    xyz, rgb, rows = _vertices(path)
     points = np.stack([rows[name].astype(np.float64) for name in xyz], axis=1)
     colors = np.stack([rows[name] for name in rgb], axis=1) if rgb else None
     return Columns(points, None if colors is None else unit_colors(colors, path))
 
 
-def write(cloud: PointCloud, path: Path) -> None:
-    """Write binary PLY: x y z as float, or as double where float would lose more than 0.05 mm; 8-bit colours."""
-    coordinate = "double" if needs_double(cloud.points) else "float"
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """The vertices' other properties; lists are none."""
+    xyz, rgb, rows = _vertices(path, everything=True)
+    names = rows if isinstance(rows, dict) else rows.dtype.names or ()
+    return {name: np.asarray(rows[name]) for name in names if name not in xyz + rgb}
+
+
+def _vertices(
+    path: Path, everything: bool = False
+) -> tuple[list[str], list[str], NDArray[Any] | dict[str, NDArray[Any]]]:
+    """The names of x, y, z and of red, green, blue, and the vertices' rows; of text only these, or everything."""
+    with path.open("rb") as stream:
+        byte_order, elements = _header(stream, path)
+        elements_named = [element.name for element in elements]
+        if "vertex" not in elements_named:
+            raise CloudError(f"{path} has no element vertex; export it as a point cloud")
+        position = elements_named.index("vertex")
+        vertex = elements[position]
+        names = [item.name for item in vertex.properties if not item.count_type]
+        xyz, rgb = coordinate_and_color_names(names)
+        if not xyz:
+            raise CloudError(f"{path}: its vertices have no x, y and z; export it as a point cloud")
+        present = path.stat().st_size - stream.tell()
+        if byte_order:
+            require_bytes(path, vertex.count * vertex.smallest_row(), vertex.count, present)
+            return xyz, rgb, _binary_rows(stream, elements[:position], vertex, byte_order, path)
+        require_bytes(path, 2 * vertex.count * len(vertex.properties) - 1, vertex.count, present)
+        wanted = names if everything else xyz + rgb
+        return xyz, rgb, _ascii_rows(stream, elements[:position], vertex, wanted, path)
+
+
+def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+    """Write binary PLY: x y z as float, or as double where float would lose more than 0.05 mm; 8-bit colours.
+
+    Fields follow. Where it must be exact, coordinates are double if float would lose anything.
+    """
+    coordinate = "double" if needs_double(cloud.points, exact) else "float"
     kinds = dict.fromkeys("xyz", coordinate)
     if cloud.colors is not None:
         kinds |= dict.fromkeys(("red", "green", "blue"), "uchar")
+    kinds |= {name: "uchar" if whole_bytes(column) else "float" for name, column in fields.items()}
     rows = np.empty(len(cloud), dtype=[(name, "<" + _TYPES[kind]) for name, kind in kinds.items()])
     for name, column in zip("xyz", cloud.points.T, strict=True):
         rows[name] = column
     if cloud.colors is not None:
         for name, column in zip(("red", "green", "blue"), color_bytes(cloud.colors).T, strict=True):
             rows[name] = column
+    for name, column in fields.items():
+        rows[name] = column
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}"]
     header += [f"property {kind} {name}" for name, kind in kinds.items()]
     with path.open("wb") as stream:

@@ -6,15 +6,26 @@ import re
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import Columns, color_bytes, coordinate_and_color_names, unit_colors
+from pcdbench.formats.columns import (
+    NO_FIELDS,
+    Columns,
+    Fields,
+    color_bytes,
+    coordinate_and_color_names,
+    unit_colors,
+    whole_bytes,
+)
 
 _COMMENT = re.compile(r"\s*(#|//)\s*")
 _HEADER_LINES = 200
+_ROWS_A_PIECE = 100_000
 
 
 @dataclass(frozen=True)
@@ -58,19 +69,48 @@ def holds_points(path: Path) -> bool:
         return False
 
 
-def write(cloud: PointCloud, path: Path) -> None:
-    """Write x y z with 0.01 mm and 8-bit colours; CSV with commas and a header line, all others with blanks."""
+def read_fields(path: Path) -> dict[str, NDArray[Any]]:
+    """The named columns besides coordinates and colours; without names there are none."""
+    layout = _layout(path)
+    xyz, rgb = coordinate_and_color_names(layout.names)
+    places = {name: place for place, name in enumerate(layout.names) if name not in xyz + rgb}
+    if not xyz or not places:
+        return {}
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        numbers = np.loadtxt(
+            islice(stream, layout.lines_before, None),
+            delimiter=layout.separator,
+            usecols=list(places.values()),
+            ndmin=2,
+        )
+    return dict(zip(places, numbers.T, strict=True))
+
+
+def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+    """Write x y z with 0.01 mm (a nanometre where it must be exact) and 8-bit colours.
+
+    CSV with commas and a header line, all others with blanks; these have a comment that names the columns only
+    where there are fields.
+    """
     is_csv = path.suffix.lower() == ".csv"
-    names = ["x", "y", "z"] if cloud.colors is None else ["x", "y", "z", "red", "green", "blue"]
-    numbers = cloud.points if cloud.colors is None else np.hstack([cloud.points, color_bytes(cloud.colors)])
-    np.savetxt(
-        path,
-        numbers,
-        fmt=["%.5f"] * 3 + ["%d"] * (len(names) - 3),
-        delimiter="," if is_csv else " ",
-        header=",".join(names) if is_csv else "",
-        comments="",
-    )
+    separator = "," if is_csv else " "
+    names, formats = ["x", "y", "z"], ["%.9f" if exact else "%.5f"] * 3
+    columns: list[NDArray[Any]] = [cloud.points]
+    if cloud.colors is not None:
+        names += ["red", "green", "blue"]
+        formats += ["%d"] * 3
+        columns.append(color_bytes(cloud.colors))
+    for name, field in fields.items():
+        names.append(name)
+        formats.append("%d" if whole_bytes(field) else "%.4f")
+        columns.append(field)
+    with path.open("w", encoding="ascii") as stream:
+        if is_csv or fields:
+            stream.write(f"{'' if is_csv else '# '}{separator.join(names)}\n")
+        # In pieces: all columns as doubles at once would take as much memory again as the cloud.
+        for start in range(0, len(cloud), _ROWS_A_PIECE):
+            piece = np.column_stack([column[start : start + _ROWS_A_PIECE] for column in columns])
+            np.savetxt(stream, piece, fmt=formats, delimiter=separator)
 
 
 def _layout(path: Path) -> _Layout:

@@ -1,10 +1,12 @@
-"""Subsets of a cloud: blue noise (Poisson disk) of an exact size."""
+"""Subsets of a cloud: blue noise (Poisson disk) of an exact size, or of a given radius around fixed points."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from pcdbench.threads import thread_count
 
 CANDIDATES_PER_VOXEL = 6
 RADIUS_STEP = 0.95
@@ -42,6 +44,35 @@ def poisson_disk_indices(points: NDArray[np.float64], count: int, rng: np.random
         rest = order[free[order]]
         chosen = np.concatenate([chosen, rest[: count - len(chosen)]])
     return np.sort(chosen).astype(np.int64)
+
+
+def apart_indices(
+    points: NDArray[np.float64], radius: float, rng: np.random.Generator, fixed: int = 0
+) -> NDArray[np.int64]:
+    """(M,) sorted rows of `points`, no two of which are nearer than `radius`, and to which no other row can be added.
+
+    Dart throwing with random priorities around points that are there already.
+
+    Args:
+        points: (N, 3) metres.
+        radius: metres.
+        rng: decides the priorities.
+        fixed: the first so many rows are taken in any case, however near they are to each other.
+    """
+    rows = np.arange(len(points), dtype=np.int64)
+    free = fixed + rng.permutation(len(points) - fixed)
+    if not len(free):
+        return rows
+    centered = np.asarray(points, np.float64) - points.mean(axis=0)
+    if fixed:
+        nearest, _ = cKDTree(centered[:fixed]).query(
+            centered[free], distance_upper_bound=radius, workers=thread_count()
+        )
+        free = free[nearest >= radius]
+    pairs = cKDTree(centered[free]).query_pairs(radius, output_type="ndarray") if len(free) else np.empty((0, 2), int)
+    winner, loser = np.sort(pairs, axis=1).T
+    taken = free[_greedy(winner, loser, np.zeros(len(free), np.bool_))]
+    return np.concatenate([rows[:fixed], np.sort(taken)])
 
 
 def _dart_throwing(points: NDArray[np.float64], count: int, radius: float) -> NDArray[np.int64]:

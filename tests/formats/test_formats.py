@@ -207,7 +207,7 @@ def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "room.ply"
     write_cloud(made_cloud(10), path)
 
-    def break_down(cloud, path):
+    def break_down(cloud, path, fields, exact):
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
-from pcdbench.geometry.sampling import poisson_disk_indices
+from pcdbench.geometry.sampling import apart_indices, poisson_disk_indices
 
 
 def spacing(points):
@@ -75,3 +75,19 @@ def test_clumps_do_not_blow_up():
     points = np.concatenate([clump, rng.uniform(-1, 1, (4000, 3))])
     index = poisson_disk_indices(points, 4000, rng)
     assert (index >= 40_000).sum() > 2500
+
+
+def test_apart_indices_are_apart_maximal_and_around_the_fixed_points():
+    rng = np.random.default_rng(5)
+    points = np.concatenate([rng.random((60, 3)) * [1, 1, 0.01], rng.random((900, 3)) * [1, 1, 0.01]]) + 1e6
+    radius, fixed = 0.08, 60
+    rows = apart_indices(points, radius, rng, fixed)
+    assert (rows[:fixed] == np.arange(fixed)).all()
+    assert (np.diff(rows) > 0).all()
+    distances = np.linalg.norm(points[:, None] - points[rows][None], axis=2)
+    distances[rows, np.arange(len(rows))] = np.inf
+    assert distances[rows[fixed:]].min() >= radius, "those taken are apart from each other and from the fixed"
+    rest = np.setdiff1d(np.arange(len(points)), rows)
+    assert distances[rest].min(axis=1).max() < radius, "nothing more fits"
+    assert len(apart_indices(points, 0.0, rng)) == len(points)
+    assert len(apart_indices(points[:0], 0.1, rng)) == 0
