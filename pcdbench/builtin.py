@@ -6,6 +6,7 @@ from pcdbench.plugins import Register, hookimpl
 @hookimpl
 def register_datasets(register: Register) -> None:
     register("indoor", "pcdbench.datasets.synthetic:Indoor", "fifty generated indoor environments, scanned")
+    register("s3dis", "pcdbench.datasets.s3dis:S3DIS", "Stanford's rooms as released: text files, six areas")
     register("clouds", "pcdbench.datasets.clouds:Clouds", "a scan, or a folder of scans, on disk")
 
 

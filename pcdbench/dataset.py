@@ -2,13 +2,36 @@
 
 from __future__ import annotations
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 from pcdbench import options as plugin_options
+from pcdbench.errors import PcdbenchError
 from pcdbench.scene import Scene
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is not as it should be in the files of a scene.
+
+    Attributes:
+        where: the file, with its line where there is one (`chair_1.txt:12`).
+        problem: what is wrong.
+        done: what was done about it.
+        usable: False where the scene cannot be used because of it.
+    """
+
+    where: str
+    problem: str
+    done: str = ""
+    usable: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.problem}" + (f"; {self.done}" if self.done else "")
 
 
 class Dataset(ABC):
@@ -57,3 +80,19 @@ class Dataset(ABC):
     @abstractmethod
     def digest(self, name: str) -> str:
         """What decides the content of a scene beside the version (a file's SHA-256, a generator's seed)."""
+
+    def check(self, name: str) -> Sequence[Finding]:
+        """What is wrong with a scene, and what was done about it; nothing is raised for a scene that is broken.
+
+        Unless overridden, the scene is opened: an error makes it unusable, a warning is a finding.
+        """
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            try:
+                scene = self.scene(name)
+            except PcdbenchError as error:
+                return [Finding(name, str(error), usable=False)]
+        findings = [Finding(name, str(its.message)) for its in warned if issubclass(its.category, UserWarning)]
+        if scene.dense.colors is None:
+            findings.append(Finding(name, "it has no colour", "what needs colour is skipped"))
+        return findings

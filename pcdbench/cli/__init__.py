@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import audit, list_, results, run, show
+from pcdbench.cli import audit, data, list_, results, run, show
 from pcdbench.errors import PcdbenchError
 
 
@@ -33,6 +33,7 @@ app.command("audit")(audit.audit)
 app.command("run")(run.run)
 app.command("results")(results.results)
 app.command("audit")(audit.audit)
+app.add_typer(data.app, name="data")
 app.command("list")(list_.list_plugins)
 app.command("show")(show.show)
 

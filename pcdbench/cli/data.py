@@ -1,0 +1,117 @@
+"""`pcdbench data check`: what is there, what is wrong with it, and how many scenes come out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from pcdbench.dataset import Dataset, Finding
+
+app = typer.Typer(no_args_is_help=True, help="Data sets on disk.")
+
+
+@app.callback()
+def _data() -> None:
+    """Data sets on disk."""
+
+
+@app.command("check")
+def check(
+    dataset: Annotated[str, typer.Argument(help="A data set, NAME:PATH.")],
+    split: Annotated[str | None, typer.Option(help="A split of it, else all that it can list.")] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the data set (see pcdbench show NAME).")
+    ] = None,
+    format: Annotated[Literal["text", "json"], typer.Option(help="How to print what is found.")] = "text",
+) -> None:
+    """Open every scene, and say what is wrong with it and what was done about it.
+
+    Exit code 1 where a scene cannot be used.
+    """
+    from pcdbench.errors import PcdbenchError
+    from pcdbench.runner.selection import parse_options, select
+
+    name, _, path = dataset.partition(":")
+    options = parse_options(option or ())
+    others = sorted(set(options) - {name})
+    if others:
+        raise PcdbenchError(f"--option {others[0]}.…: {others[0]!r} is not the data set {name!r}")
+    opened = select("dataset", name, options.get(name, {}), path=path or None).build()
+    splits = _splits(opened) if split is None else {split: list(opened.scene_names(split))}
+    scenes = list(dict.fromkeys(scene for of_split in splits.values() for scene in of_split))
+    checked = []
+    for scene, findings in _checked(opened, scenes):
+        checked.append((scene, findings))
+        if format == "text":
+            for finding in findings:
+                typer.echo(f"{scene}: {finding}" if scene not in finding.where else str(finding))
+    unusable = [scene for scene, findings in checked if not all(its.usable for its in findings)]
+    if format == "json":
+        typer.echo(json.dumps(_as_json(dataset, splits, checked, unusable), indent=2))
+    else:
+        typer.echo(_verdict(dataset, splits, checked, unusable))
+    if unusable:
+        raise typer.Exit(1)
+
+
+def _splits(dataset: Dataset) -> dict[str, list[str]]:
+    """The scenes of each split that can be listed: an endless one cannot."""
+    from pcdbench.errors import PcdbenchError
+
+    found: dict[str, list[str]] = {}
+    problem: PcdbenchError | None = None
+    for split in dataset.splits():
+        try:
+            found[split] = list(dataset.scene_names(split))
+        except PcdbenchError as error:
+            problem = error
+    if not found and problem is not None:
+        raise problem
+    return found
+
+
+def _checked(dataset: Dataset, scenes: Sequence[str]) -> Iterator[tuple[str, Sequence[Finding]]]:
+    """Each scene with its findings; on a terminal, with a bar."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("checking", total=len(scenes))
+        for scene in scenes:
+            yield scene, dataset.check(scene)
+            progress.advance(task)
+
+
+def _verdict(
+    dataset: str,
+    splits: dict[str, list[str]],
+    checked: Sequence[tuple[str, Sequence[Finding]]],
+    unusable: Sequence[str],
+) -> str:
+    count = sum(len(findings) for _, findings in checked)
+    lines = [f"{dataset}: {len(checked)} scenes, {len(checked) - len(unusable)} come out, {count} findings"]
+    if len(splits) > 1:
+        lines.append("splits: " + ", ".join(f"{split} ({len(scenes)})" for split, scenes in splits.items()))
+    if unusable:
+        lines.append("cannot be used: " + ", ".join(unusable))
+    return "\n".join(lines)
+
+
+def _as_json(
+    dataset: str,
+    splits: dict[str, list[str]],
+    checked: Sequence[tuple[str, Sequence[Finding]]],
+    unusable: Sequence[str],
+) -> dict[str, Any]:
+    return {
+        "dataset": dataset,
+        "splits": splits,
+        "scenes": {scene: [asdict(finding) for finding in findings] for scene, findings in checked},
+        "usable": [scene for scene, _ in checked if scene not in unusable],
+        "unusable": list(unusable),
+    }

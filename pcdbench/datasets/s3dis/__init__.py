@@ -1,0 +1,175 @@
+"""The data set `s3dis`: the Stanford rooms in their original release, defects and all."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from pcdbench import options
+from pcdbench.cloud import PointCloud
+from pcdbench.dataset import Dataset, Finding
+from pcdbench.datasets.s3dis.room import STRUCTURE, Room, read_room, room_files
+from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_of_scan
+from pcdbench.datasets.synthetic.storage import read_arrays, write_arrays
+from pcdbench.errors import CloudError, PcdbenchError
+from pcdbench.keys import digest, seed_from
+from pcdbench.paths import cache_dir
+from pcdbench.plugins import did_you_mean
+from pcdbench.scene import Box, Scene, TaggedObject
+
+# Raise it whenever reading gives something else, so that rooms cached before are read again.
+_READER = 1
+_AREA = re.compile(r"Area_(\w+)", re.IGNORECASE)
+
+
+class S3DIS(Dataset):
+    """Stanford Large-Scale 3D Indoor Spaces: `Area_N/room/room.txt` with `Annotations/*.txt`.
+
+    A room is a scene; each annotated instance is a tagged object with its axis-aligned box. Known defects are mended
+    and told by `pcdbench data check s3dis:PATH`. Rooms are read once and cached. Armeni et al., CVPR 2016.
+    """
+
+    class Options(options.Options):
+        complete_points: int = Field(
+            20_000, ge=FEWEST_POINTS, description="points of the complete cloud (all of the room's where it has fewer)"
+        )
+        draws: int = Field(1, ge=1, description="cases, each of another seed, of a scene at each level")
+        structure: bool = Field(
+            False, description=f"tag what nobody would look for on a map, too: {', '.join(sorted(STRUCTURE))}"
+        )
+
+    options: Options
+    default_split = "all"
+
+    def splits(self) -> Sequence[str]:
+        """`all`, and each area that is there: `area1` to `area6`."""
+        return ("all", *self._areas)
+
+    def scene_names(self, split: str) -> Sequence[str]:
+        """The rooms of an area, or of all, by name.
+
+        Raises:
+            PcdbenchError: for a split that is not there, or where the path holds no area.
+        """
+        if split not in self.splits():
+            raise PcdbenchError(f"s3dis:{self.path} has no split {split!r}; {did_you_mean(split, self.splits())}")
+        return [name for area, rooms in self._areas.items() if split in ("all", area) for name in rooms]
+
+    def draws(self, split: str) -> int:
+        """How many cases a scene gives at each level: the option `draws`."""
+        return self.options.draws
+
+    def scene(self, name: str) -> Scene:
+        """Read one room, from the cache where it was read before.
+
+        Raises:
+            CloudError: where no point of it can be read, or it is too small to be measured.
+        """
+        room = self._room(name)
+        return scene_of_scan(
+            name,
+            room.cloud,
+            self._folder(name),
+            self.options.complete_points,
+            seed_from("s3dis", self.digest(name)),
+            objects=tuple(tagged for tagged in room.objects if self.options.structure or tagged.label not in STRUCTURE),
+        )
+
+    def digest(self, name: str) -> str:
+        """Digest of the room's name and the bytes of its files."""
+        folder = self._folder(name)
+        return digest([name, folder_digest(folder, room_files(folder))])
+
+    def check(self, name: str) -> Sequence[Finding]:
+        """The defects of a room, file by file, and how they were mended."""
+        try:
+            room = self._room(name)
+        except PcdbenchError as error:
+            return [Finding(name, str(error), usable=False)]
+        return [*room.findings, *super().check(name)]
+
+    def _room(self, name: str) -> Room:
+        folder = self._folder(name)
+        path = cache_dir() / "s3dis" / f"{digest([_READER, self.digest(name)])}.npz"
+        arrays = read_arrays(path)
+        if arrays is None:
+            room = read_room(folder)
+            write_arrays(path, _arrays_of(room))
+            arrays = read_arrays(path)
+            if arrays is None:
+                raise CloudError(f"{path} cannot be read back; is the disk full?")
+        # Always from what was stored, so that the first time gives what every later time gives.
+        return _room_of(arrays)
+
+    def _folder(self, name: str) -> Path:
+        found = {name: folder for rooms in self._areas.values() for name, folder in rooms.items()}
+        if name not in found:
+            raise PcdbenchError(f"s3dis:{self.path} has no room {name!r}; {did_you_mean(name, list(found))}")
+        return found[name]
+
+    @cached_property
+    def _areas(self) -> Mapping[str, Mapping[str, Path]]:
+        """By split, the folder of each room by its scene's name."""
+        if self.path is None:
+            raise PcdbenchError("data set s3dis needs the folder that holds Area_1 to Area_6: --dataset s3dis:PATH")
+        root = self.path.expanduser()
+        if not root.is_dir():
+            raise PcdbenchError(f"s3dis:{root}: there is no such folder; check the path")
+        found = _area_folders(root)
+        if not found:
+            raise PcdbenchError(
+                f"{root} holds no Area_N folder; give the unpacked Stanford3dDataset_v1.2 (text files, not a .zip)"
+            )
+        return {
+            area: {f"{area}-{_safe(room.name)}": room for room in sorted(_subfolders(folder))}
+            for area, folder in found.items()
+        }
+
+
+def _area_folders(root: Path) -> dict[str, Path]:
+    """Split name and folder of each area: `root` itself, those in it, or those in the first subfolder that has some."""
+    inside = sorted(_subfolders(root))
+    for candidates in ([root], inside, *(sorted(_subfolders(folder)) for folder in inside)):
+        matches = [(_AREA.fullmatch(folder.name), folder) for folder in candidates]
+        found = {f"area{match[1].lower()}": folder for match, folder in matches if match}
+        if found:
+            return found
+    return {}
+
+
+def _subfolders(folder: Path) -> list[Path]:
+    return [path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")]
+
+
+def _safe(name: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
+
+
+def _arrays_of(room: Room) -> dict[str, np.ndarray]:
+    """A room for an NPZ file: points in single precision (10 micrometres at 100 m), colours in 8 bits."""
+    boxes = [[*tagged.box.center, *tagged.box.size] for tagged in room.objects]
+    arrays = {
+        "points": room.cloud.points.astype(np.float32),
+        "labels": np.array([tagged.label for tagged in room.objects], dtype=np.str_),
+        "boxes": np.array(boxes, np.float64).reshape(-1, 6),
+        "findings": np.array(json.dumps([[its.where, its.problem, its.done] for its in room.findings])),
+    }
+    if room.cloud.colors is not None:
+        arrays["colors"] = np.rint(room.cloud.colors * 255).astype(np.uint8)
+    return arrays
+
+
+def _room_of(arrays: Mapping[str, np.ndarray]) -> Room:
+    colors = arrays["colors"].astype(np.float32) / np.float32(255) if "colors" in arrays else None
+    objects = tuple(
+        TaggedObject(str(label), Box(row[:3], row[3:]))
+        for label, row in zip(arrays["labels"], arrays["boxes"], strict=True)
+    )
+    findings = tuple(Finding(*its) for its in json.loads(str(arrays["findings"])))
+    return Room(PointCloud(arrays["points"].astype(np.float64), colors), objects, findings)
