@@ -1,0 +1,80 @@
+"""`pcdbench view`: clouds side by side on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from pcdbench.cloud import PointCloud
+
+_ADDED_FIELD = "added"
+
+
+def view(
+    clouds: Annotated[list[Path], typer.Argument(help="Files of clouds in one frame, metres, z up.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("view.html"),
+    reference: Annotated[
+        Path | None, typer.Option(help="A cloud; points are coloured by their distance to it, too.")
+    ] = None,
+    points: Annotated[int, typer.Option(help="Show at most so many points of each cloud.")] = 200_000,
+) -> None:
+    """Write a page that shows clouds side by side: turn, move and zoom them together, in any browser, offline.
+
+    Points are coloured by their colour, by what a completer added, by height, by distance to a reference. What
+    was added is what a file's field `added` says, else the points that the first cloud does not have.
+    """
+    from pcdbench.viewing.page import require_page
+    from pcdbench.viewing.page import view as view_of
+
+    require_page(out)
+    names = _names(clouds)
+    read = {name: _read(path) for name, path in zip(names, clouds, strict=True)}
+    seen = view_of(
+        {name: cloud for name, (cloud, _) in read.items()},
+        added={name: added for name, (_, added) in read.items() if added is not None},
+        reference=None if reference is None else _read(reference)[0],
+        points=points,
+    )
+    seen.write(out)
+    shown = sum(len(its.cloud) for its in seen.shown)
+    counted = f"{len(names)} cloud{'s' if len(names) > 1 else ''}, {shown:,} points"
+    typer.echo(f"{out}: {counted}, {out.stat().st_size / 1e6:.1f} MB; open it in a browser")
+
+
+def _names(paths: list[Path]) -> list[str]:
+    """What to call the files: by their names, or by their paths where two have one name.
+
+    Raises:
+        PcdbenchError: where one file is given twice.
+    """
+    from pcdbench.errors import PcdbenchError
+
+    # A name that is no UTF-8 must still be shown.
+    whole = [str(path).encode(errors="replace").decode() for path in paths]
+    for path in paths:
+        if paths.count(path) > 1:
+            raise PcdbenchError(f"{path} is given twice; give each cloud once")
+    names = [Path(text).name for text in whole]
+    return names if len(set(names)) == len(names) else whole
+
+
+def _read(path: Path) -> tuple[PointCloud, NDArray[np.bool_] | None]:
+    """The cloud of a file, and which of its points its field `added` marks; what is odd goes to standard error."""
+    import warnings
+
+    from pcdbench.formats import CloudWarning, carries_fields, read_cloud, read_fields
+
+    with warnings.catch_warnings(record=True) as odd:
+        warnings.simplefilter("always", CloudWarning)
+        cloud = read_cloud(path)
+    for one in odd:
+        typer.echo(f"pcdbench: {one.message}", err=True)
+    marks = read_fields(path).get(_ADDED_FIELD) if carries_fields(path) else None
+    # Of rows that were dropped, nobody knows to which points the marks of the others belong.
+    return cloud, None if marks is None or len(marks) != len(cloud) else marks > 0
