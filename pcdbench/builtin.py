@@ -7,6 +7,9 @@ from pcdbench.plugins import Register, hookimpl
 def register_datasets(register: Register) -> None:
     register("indoor", "pcdbench.datasets.synthetic:Indoor", "fifty generated indoor environments, scanned")
     register("s3dis", "pcdbench.datasets.s3dis:S3DIS", "Stanford's rooms as released: text files, six areas")
+    register(
+        "rgbd", "pcdbench.datasets.rgbd:Rgbd", "posed colour and depth images, fused (7-Scenes, TUM, ScanNet, RTAB-Map)"
+    )
     register("clouds", "pcdbench.datasets.clouds:Clouds", "a scan, or a folder of scans, on disk")
 
 
