@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pcdbench.plugins import Register, hookimpl
     from pcdbench.scene import Box, Scene, Surface, TaggedObject
     from pcdbench.task import Measurements, Metric, Task
+    from pcdbench.viewing.page import view
 
 __version__ = "0.1.0"
 
@@ -41,6 +42,7 @@ _MODULE_OF_NAME = {
     "Task": "task",
     "hookimpl": "plugins",
     "make_case": "case",
+    "view": "viewing.page",
 }
 
 __all__ = [
@@ -65,6 +67,7 @@ __all__ = [
     "Task",
     "hookimpl",
     "make_case",
+    "view",
 ]
 
 

@@ -43,7 +43,7 @@ class View:
     def html(self) -> str:
         """A whole page that needs nothing else: no network, no file beside it."""
         assets = viewer_assets()
-        policy = f"default-src 'none'; script-src {_hash(_file('viewer.js'))}; style-src {_hash(_file('viewer.css'))} "
+        policy = f"default-src 'none'; script-src {_hash(_script())}; style-src {_hash(_file('viewer.css'))} "
         policy += f"{_hash(_file('page.css'))}; img-src data:"
         return Template(_file("page.html")).substitute(
             policy=policy,
@@ -111,7 +111,7 @@ def view(
             raise PcdbenchError(f"added names {name!r}, which is no cloud here; use one of {', '.join(named)}")
         if np.shape(mask) != (len(named[name]),):
             raise PcdbenchError(
-                f"added of {name} has shape {np.shape(mask)}; it needs one value for each of {len(named[name]):,} points"
+                f"added of {name} has shape {np.shape(mask)}; give one value for each of {len(named[name]):,} points"
             )
     known = [np.asarray(marks[name], dtype=bool) if name in marks else None for name in named]
     return View(shown_clouds(list(named.items()), known, reference, points), " · ".join(named))
@@ -119,7 +119,7 @@ def view(
 
 def viewer_assets() -> str:
     """The style and the script of the viewer, once for each page, however many viewers it has."""
-    return f"<style>{_file('viewer.css')}</style>\n<script>{_file('viewer.js')}</script>"
+    return f"<style>{_file('viewer.css')}</style>\n<script>{_script()}</script>"
 
 
 def viewer_element(shown: Sequence[Shown], title: str) -> str:
@@ -197,6 +197,12 @@ def _legend(mode: str, content: Mapping[str, Any], shown: Sequence[Shown]) -> st
 
 def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+@cache
+def _script() -> str:
+    """The whole script; its names stay out of the page that it is put into."""
+    return f'(() => {{\n"use strict";\n{_file("renderer.js")}\n{_file("viewer.js")}}})();'
 
 
 @cache

@@ -27,7 +27,7 @@ class Shown:
 
     Attributes:
         name: what people call it; any text.
-        cloud: the points shown, at most as many as asked for.
+        cloud: the points shown, at most as many as asked for, in random order.
         total: how many points the cloud has.
         far: how many points are left out because they lie far away from everything else.
         added: (N,) bool, which of the shown points a completer added; None where that means nothing.
@@ -66,9 +66,8 @@ def shown_clouds(
     for number, ((name, cloud), known) in enumerate(zip(clouds, added, strict=True)):
         # Copies of far away echoes must not shrink the room to a dot.
         near = np.flatnonzero(((cloud.points >= core_low) & (cloud.points <= core_high)).all(axis=1))
-        kept = near
-        if len(near) > at_most:
-            kept = np.random.default_rng(0).choice(near, at_most, replace=False)
+        # In random order, so that the first few stand for all while a slow machine moves them.
+        kept = np.random.default_rng(0).permutation(near)[:at_most]
         marked = known
         if marked is None and number:
             marked = missing_in(cloud, clouds[0][1])
