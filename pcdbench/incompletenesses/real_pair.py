@@ -49,7 +49,7 @@ class RealPair(Incompleteness):
         if not seen.any():
             raise CloudError(
                 f"{scene.name}: its incomplete scan is nowhere within {reach_m:.3g} m of the complete one; "
-                "bring both into one frame"
+                "bring both into one frame and unit"
             )
         if seen.all():
             raise Skipped(f"the incomplete scan of {scene.name} misses nothing of the complete one")
