@@ -23,8 +23,8 @@ ENVIRONMENTS = (1, 3, 7, 49)
 
 
 def rounded_digest(values) -> str:
-    """Digest of numbers rounded to 0.1 mm."""
-    return digest((np.rint(np.asarray(values, np.float64) * 1e4).astype(np.int64) + 0).ravel().tolist())
+    """Digest of numbers in steps of 0.1 mm, whose borders lie where no length of the generator does."""
+    return digest(np.floor(np.asarray(values, np.float64) * 1e4 + 0.377).astype(np.int64).ravel().tolist())
 
 
 def environment_digests(index: int) -> dict[str, str]:

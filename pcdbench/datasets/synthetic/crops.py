@@ -17,6 +17,9 @@ from pcdbench.scene import TaggedObject
 
 COMPLETE_POINTS = 20_000
 MIN_OBJECT_POINTS = 30
+MIN_OBJECTS = 3
+MIN_DENSE_POINTS = 120_000
+TRIES = 4
 CENTER_CLEARANCE_M = 0.45
 WALKABLE_M2 = 2.5
 
@@ -41,7 +44,16 @@ class Crop:
 
 
 def crop_of(environment: Environment, rng: np.random.Generator) -> Crop:
-    """A random crop whose middle is free floor, as the localization task needs it."""
+    """A random crop whose middle is free floor, as the localization task needs it, and that shows a few objects."""
+    for _ in range(TRIES):
+        crop = _surveyed(environment, rng)
+        if len(crop.objects) >= MIN_OBJECTS and len(crop.dense) >= MIN_DENSE_POINTS:
+            break
+    return crop
+
+
+def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
+    """A random part of an environment as some survey sees it."""
     box = _box(environment, rng)
     survey = _survey(environment, box, rng)
     scanned = scan(environment, survey, box, rng)

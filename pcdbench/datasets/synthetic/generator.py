@@ -12,7 +12,8 @@ from pcdbench.datasets.synthetic.furnishing import furnished
 from pcdbench.datasets.synthetic.layouts import LARGE_KINDS, SMALL_KINDS, plan_of
 from pcdbench.keys import seed_from
 
-VERSION = "1"
+VERSION = "2"
+SEEDS = "1"  # The version that the random numbers are of: 2 mends single crops and leaves all others as they were.
 
 
 def kind_of(index: int) -> str:
@@ -29,7 +30,7 @@ def environment(index: int, stream: str = "benchmark") -> Environment:
         index: 0 to 49 are the benchmark's; any number of the `train` stream.
         stream: `benchmark` or `train`: their seeds never meet.
     """
-    rng = np.random.default_rng(seed_from("indoor", VERSION, stream, index))
+    rng = np.random.default_rng(seed_from("indoor", SEEDS, stream, index))
     kind = kind_of(index)
     plan = plan_of(kind, rng)
     building = build(plan, rng)

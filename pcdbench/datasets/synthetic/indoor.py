@@ -10,7 +10,7 @@ import numpy as np
 
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.synthetic.crops import crop_of
-from pcdbench.datasets.synthetic.generator import VERSION, environment
+from pcdbench.datasets.synthetic.generator import SEEDS, VERSION, environment
 from pcdbench.datasets.synthetic.storage import (
     arrays_of_scene,
     arrays_of_surface,
@@ -128,7 +128,7 @@ def _cache_file(stem: str) -> Path:
 def _made(name: str, stream: str, index: int, crop: int) -> Scene:
     """Survey a crop of an environment."""
     place = environment(index, stream)
-    made = crop_of(place, np.random.default_rng(seed_from("indoor", VERSION, stream, index, "crop", crop)))
+    made = crop_of(place, np.random.default_rng(seed_from("indoor", SEEDS, stream, index, "crop", crop)))
     opaque = np.zeros(len(place.mesh.triangles), np.bool_)
     opaque[place.opaque] = True
     extent = " x ".join(f"{side:.1f}" for side in np.ptp(made.dense.points, axis=0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -107,7 +108,7 @@ def _with_piers(room: Room, taken: Sequence[Opening], rng: np.random.Generator, 
         first = float(rng.uniform(0.4, length - width - 0.4))
         if all(first + width < a - 0.3 or first > b + 0.3 for a, b, _ in plan.openings_of(start, end)):
             outline = bumped(outline, edge, first, first + width, depth)
-    return Room(**{**room.__dict__, "outline": outline})
+    return replace(room, outline=outline)
 
 
 def _finished(

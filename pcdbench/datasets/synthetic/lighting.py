@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pcdbench.datasets.synthetic.building import Light
 from pcdbench.datasets.synthetic.environment import Environment, Floats
 from pcdbench.datasets.synthetic.materials import MATERIALS, colors
+from pcdbench.geometry.sampling import stable_order
 from pcdbench.threads import thread_count
 
 AMBIENT = 0.5
@@ -15,6 +19,8 @@ NEAREST_LIGHTS = 6
 OCCLUSION_RAYS = 8
 OCCLUSION_RANGE_M = 0.8
 OCCLUSION_SPACING_M = 0.12
+
+_PIECE = 32768  # points at a time, whose arrays stay in the cache
 
 
 def shaded_colors(
@@ -56,35 +62,52 @@ def _in_piece_frames(
 
 def _irradiance(environment: Environment, points: Floats, normals: Floats) -> NDArray[np.float32]:
     """(N,) ambient light and that of the nearest lamps and windows: distance squared, both cosines."""
-    total = np.full(len(points), AMBIENT, np.float32)
     if not environment.lights:
-        return total
-    where = np.array([light.position for light in environment.lights])
-    facing = np.array([light.facing for light in environment.lights], np.float32)
-    strength = np.array([light.strength for light in environment.lights], np.float32)
+        return np.full(len(points), AMBIENT, np.float32)
+    total = np.empty(len(points), np.float32)
+    for start in range(0, len(points), _PIECE):
+        here = slice(start, start + _PIECE)
+        total[here] = _ambient_and_direct(environment.lights, points[here], normals[here])
+    return total / (0.75 + 0.35 * total)
+
+
+def _ambient_and_direct(lights: Sequence[Light], points: Floats, normals: Floats) -> NDArray[np.float32]:
+    """(N,) ambient light and that of the nearest lights."""
+    where = np.array([light.position for light in lights])
+    facing = np.array([light.facing for light in lights], np.float32)
+    strength = np.array([light.strength for light in lights], np.float32)
     count = min(NEAREST_LIGHTS + 1, len(where))
     apart, nearest = cKDTree(where).query(points, k=list(range(1, count + 1)), workers=thread_count())
     # Each light fades out towards the first one that is left out, so that no border shows.
     fading = np.clip(2.0 * (1.0 - apart / apart[:, -1:]), 0.0, 1.0).astype(np.float32)
     if count == len(where):
         fading[:] = 1.0
-    low, facing_points = np.asarray(points, np.float32), np.asarray(normals, np.float32)
+    total = np.full(len(points), AMBIENT, np.float32)
+    (lx, ly, lz), (fx, fy, fz) = where.astype(np.float32).T, facing.T
+    (px, py, pz), (nx, ny, nz) = points.T.astype(np.float32, order="C"), normals.T.astype(np.float32, order="C")
     for k in range(count):
         light = nearest[:, k]
-        towards = where.astype(np.float32)[light] - low
-        squared = np.einsum("ij,ij->i", towards, towards) + 0.05
+        x, y, z = lx[light] - px, ly[light] - py, lz[light] - pz
+        squared = x * x + y * y + z * z + np.float32(0.05)
         inverse = 1.0 / np.sqrt(squared)
-        received = np.clip(np.einsum("ij,ij->i", towards, facing_points) * inverse, 0.0, None)
-        emitted = np.clip(0.25 - 0.75 * np.einsum("ij,ij->i", towards, facing[light]) * inverse, 0.05, 1.0)
+        received = np.maximum((x * nx + y * ny + z * nz) * inverse, 0.0)
+        emitted = np.clip(0.25 - 0.75 * (x * fx[light] + y * fy[light] + z * fz[light]) * inverse, 0.05, 1.0)
         total += 0.55 * strength[light] * received * emitted * fading[:, k] / (squared + 1.0)
-    return total / (0.75 + 0.35 * total)
+    return total
 
 
 def _openness(environment: Environment, points: Floats, normals: Floats) -> NDArray[np.float32]:
     """(N,) ambient occlusion: 1 in the open, less where much is near; computed on a sparse subset and spread."""
-    cells = np.floor(np.column_stack([points, normals]) / [*[OCCLUSION_SPACING_M] * 3, 0.7, 0.7, 0.7]).astype(np.int64)
-    keys = cells @ np.array([73856093, 19349663, 83492791, 2654435761, 97, 7919])
-    _, first, group = np.unique(keys, return_index=True, return_inverse=True)
+    number = np.zeros(len(points), np.int64)
+    for axis, edge in [*((axis, OCCLUSION_SPACING_M) for axis in points.T), *((axis, 0.7) for axis in normals.T)]:
+        cell = np.floor(axis / edge).astype(np.int64)
+        cell -= cell.min()
+        number = number * (int(cell.max()) + 1) + cell
+    order = stable_order(number)
+    new = np.diff(number[order], prepend=-1) > 0
+    group = np.empty(len(points), np.int64)
+    group[order] = np.cumsum(new) - 1
+    first = order[new]
     at, up = points[first], normals[first]
     # Fibonacci points on a sphere around the normal's tip: directions with a cosine distribution.
     k = np.arange(OCCLUSION_RAYS) + 0.5

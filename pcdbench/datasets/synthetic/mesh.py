@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,8 +35,8 @@ class Mesh:
         """A mesh of one material, without the triangles that have no area (poles, closed caps)."""
         points = np.asarray(vertices, np.float64).reshape(-1, 3)
         corners = np.asarray(triangles, np.int64).reshape(-1, 3)
-        across = _edge_products(points, corners)
-        corners = corners[np.sum(across * across, axis=1) > 1e-20]
+        x, y, z = _edge_products(points, corners)
+        corners = corners[x * x + y * y + z * z > 1e-20]
         count = len(corners)
         return Mesh(
             points, corners, np.full(count, material_id(material), np.int32), np.full(count, int(tint), np.int64)
@@ -87,19 +88,27 @@ class Mesh:
 
     def bounds(self) -> tuple[Floats, Floats]:
         """The lowest and the highest corner, each (3,) metres."""
-        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> tuple[Floats, Floats]:
+        # By columns: numpy reduces the rows of a narrow array ten times slower.
+        columns = np.ascontiguousarray(self.vertices.T)
+        low, high = columns.min(axis=1), columns.max(axis=1)
+        low.flags.writeable = high.flags.writeable = False
+        return low, high
 
     def triangle_normals(self) -> Floats:
         """(T, 3) outward unit normals."""
-        normals = _edge_products(self.vertices, self.triangles)
+        normals = np.stack(_edge_products(self.vertices, self.triangles), axis=1)
         return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def _edge_products(vertices: Floats, triangles: NDArray[np.int64]) -> Floats:
-    """(T, 3) the cross product of two edges of each triangle: its normal, twice its area long."""
-    a = vertices[triangles[:, 0]]
-    first, second = vertices[triangles[:, 1]] - a, vertices[triangles[:, 2]] - a
-    return first[:, [1, 2, 0]] * second[:, [2, 0, 1]] - first[:, [2, 0, 1]] * second[:, [1, 2, 0]]
+def _edge_products(vertices: Floats, triangles: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
+    """x, y and z, (T,) each, of the cross product of two edges of each triangle: its normal, twice its area long."""
+    corners = vertices.T[:, triangles]
+    (ax, ay, az), (bx, by, bz) = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 def rotation_about(axis: str, angle_rad: float) -> Floats:

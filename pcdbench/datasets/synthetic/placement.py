@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +36,16 @@ class Footprint:
         local = unit * [self.half_x, self.half_y]
         return np.array([self.x, self.y]) + local @ np.array([[cos, sin], [-sin, cos]])
 
+    @cached_property
+    def _radius(self) -> float:
+        return float(np.hypot(self.half_x, self.half_y))
+
     def meets(self, other: Footprint, gap: float) -> bool:
         """Whether the two come closer than `gap`, by separating axes."""
         if self.z0 >= other.z1 or other.z0 >= self.z1:
             return False
         dx, dy = other.x - self.x, other.y - self.y
-        reach = np.hypot(self.half_x, self.half_y) + np.hypot(other.half_x, other.half_y) + gap
+        reach = self._radius + other._radius + gap
         if dx * dx + dy * dy > reach * reach:
             return False
         turn = other.yaw_rad - self.yaw_rad
@@ -137,9 +142,11 @@ class Placement:
         if not contains(room.outline, footprint.corners()).all() or footprint.holds(room.outline):
             return False
         allowed = None if beside is None else beside.footprint
-        near = [other for other in self.solid if abs(other.x - footprint.x) < 4.5 and abs(other.y - footprint.y) < 4.5]
-        if any(footprint.meets(other, gap) for other in near if other is not allowed):
-            return False
+        x, y = footprint.x, footprint.y
+        for other in self.solid:
+            near = -4.5 < other.x - x < 4.5 and -4.5 < other.y - y < 4.5
+            if near and other is not allowed and footprint.meets(other, gap):
+                return False
         return footprint.z0 > 2.0 or not any(footprint.meets(other, 0.0) for other in self.kept_clear)
 
     def somewhere(
@@ -171,10 +178,13 @@ class Placement:
         built = self.build(name)
         low, high = built.mesh.bounds()
         width = float(high[0] - low[0])
-        edges = [edge for edge in room.edges() if np.hypot(*(edge[1] - edge[0])) > width + 0.05]
+        edges = [
+            (*edge, length)
+            for edge, length in zip(room.edges(), room.edge_lengths, strict=True)
+            if length > width + 0.05
+        ]
         for _ in range(tries if edges else 0):
-            start, end = edges[int(self.rng.integers(0, len(edges)))]
-            length = float(np.hypot(*(end - start)))
+            start, end, length = edges[int(self.rng.integers(0, len(edges)))]
             first = float(self.rng.uniform(0.02, length - width - 0.02))
             up = float(self.rng.uniform(*z)) if isinstance(z, tuple) else z
             placed = self.on_wall(room, name, built, start, end, first, up, jitter_rad, off_m, gap, flipped)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,7 +33,7 @@ class Opening:
     kind: str
     swing_deg: float = 0.0
 
-    @property
+    @cached_property
     def width(self) -> float:
         return float(np.hypot(*(self.end - self.start)))
 
@@ -61,9 +62,18 @@ class Room:
     ceiling: str
     tint: int
 
-    def edges(self) -> list[tuple[Floats, Floats]]:
+    def edges(self) -> tuple[tuple[Floats, Floats], ...]:
         """The wall segments, the room on their left."""
-        return [(self.outline[k], self.outline[(k + 1) % len(self.outline)]) for k in range(len(self.outline))]
+        return self._edges
+
+    @cached_property
+    def _edges(self) -> tuple[tuple[Floats, Floats], ...]:
+        return tuple((self.outline[k], self.outline[(k + 1) % len(self.outline)]) for k in range(len(self.outline)))
+
+    @cached_property
+    def edge_lengths(self) -> tuple[float, ...]:
+        """The lengths of `edges()`, metres."""
+        return tuple(float(np.hypot(*(end - start))) for start, end in self.edges())
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +85,18 @@ class Plan:
     openings: tuple[Opening, ...]
     columns: tuple[tuple[float, float, float, bool], ...] = field(default=())
 
-    def openings_of(self, start: Floats, end: Floats) -> list[tuple[float, float, Opening]]:
+    @cached_property
+    def _openings_found(self) -> dict[tuple[bytes, bytes], tuple[tuple[float, float, Opening], ...]]:
+        return {}
+
+    def openings_of(self, start: Floats, end: Floats) -> tuple[tuple[float, float, Opening], ...]:
         """The openings in a wall segment, each with its interval along it (metres from `start`)."""
+        wall = (start.tobytes(), end.tobytes())
+        if wall not in self._openings_found:
+            self._openings_found[wall] = self._openings_between(start, end)
+        return self._openings_found[wall]
+
+    def _openings_between(self, start: Floats, end: Floats) -> tuple[tuple[float, float, Opening], ...]:
         length = float(np.hypot(*(end - start)))
         along = (end - start) / length
         found = []
@@ -90,24 +110,34 @@ class Plan:
             first, last = sorted((float(offset @ along), float((opening.end - start) @ along)))
             if last > 0.0 and first < length:
                 found.append((max(first, 0.0), min(last, length), opening))
-        return sorted(found, key=lambda item: item[:2])
+        return tuple(sorted(found, key=lambda item: item[:2]))
 
     def shared(self, start: Floats, end: Floats) -> list[tuple[float, float, Room]]:
         """The intervals of a wall segment (metres from `start`) with another room behind them, and that room."""
         length = float(np.hypot(*(end - start)))
         along = (end - start) / length
         outward = np.array([along[1], -along[0]])
+        rooms, starts, ends = self._walls
+        off = (starts - start) @ outward
         found = []
-        for room in self.rooms:
-            for a, b in room.edges():
-                towards = (b - a) / np.hypot(*(b - a))
-                gap = float((a - start) @ outward)
-                if towards @ along > -0.9999 or not 0.02 < gap < INNER_WALL_M + 0.02:
-                    continue
-                first, last = max(0.0, float((b - start) @ along)), min(length, float((a - start) @ along))
-                if last - first > 0.05:
-                    found.append((first, last, room))
+        # Roughly first, all at once; the few that are left are measured exactly below.
+        for k in np.flatnonzero((off > 0.01) & (off < INNER_WALL_M + 0.03)):
+            room, a, b = rooms[k], starts[k], ends[k]
+            towards = (b - a) / np.hypot(*(b - a))
+            gap = float((a - start) @ outward)
+            if towards @ along > -0.9999 or not 0.02 < gap < INNER_WALL_M + 0.02:
+                continue
+            first, last = max(0.0, float((b - start) @ along)), min(length, float((a - start) @ along))
+            if last - first > 0.05:
+                found.append((first, last, room))
         return sorted(found, key=lambda item: item[:2])
+
+    @cached_property
+    def _walls(self) -> tuple[list[Room], Floats, Floats]:
+        """The room, the start and the end of every wall segment."""
+        walls = [(room, start, end) for room in self.rooms for start, end in room.edges()]
+        rooms, starts, ends = zip(*walls, strict=True)
+        return list(rooms), np.array(starts), np.array(ends)
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Floats:
@@ -156,7 +186,7 @@ def contains(outline: Floats, points: ArrayLike) -> NDArray[np.bool_]:
     inside = np.asarray(points, np.float64).reshape(-1, 2)
     x, y = inside[:, :1], inside[:, 1:]
     ax, ay = outline[:, 0], outline[:, 1]
-    bx, by = np.roll(ax, -1), np.roll(ay, -1)
+    bx, by = np.append(ax[1:], ax[0]), np.append(ay[1:], ay[0])
     crosses = (ay > y) != (by > y)
     rise = np.where(by == ay, 1.0, by - ay)
     return (crosses & (x < ax + (y - ay) / rise * (bx - ax))).sum(axis=1) % 2 == 1

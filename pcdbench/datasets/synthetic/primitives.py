@@ -189,6 +189,12 @@ def ellipsoid(
     return surface(grid * np.asarray(radii, np.float64) + np.asarray(center, np.float64), material, tint, closed=True)
 
 
+def _cross(a: Floats, b: Floats) -> Floats:
+    """What `numpy.cross` gives for rows (N, 3) and a row or rows, in a quarter of its time."""
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
 def _power(values: Floats, exponent: float) -> Floats:
     return np.sign(values) * np.where(np.abs(values) < 1e-9, 0.0, np.abs(values)) ** exponent
 
@@ -211,15 +217,17 @@ def tube(
     Its circles are turned by the one of seven directions that the path keeps furthest from: no twist, no pinch.
     """
     points = np.asarray(path, np.float64)
-    around = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    tangents = around if closed else np.gradient(points, axis=0)
+    if closed:
+        tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
+    else:
+        tangents = np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     # Rounded, so that a tie is broken alike on every machine.
     closeness = np.round(np.abs(_DIRECTIONS @ tangents.T).max(axis=1), 6)
     reference = _DIRECTIONS[np.argmin(closeness)]
-    across = np.cross(tangents, reference)
+    across = _cross(tangents, reference)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    side = np.cross(tangents, across)
+    side = _cross(tangents, across)
     angle = 2 * np.pi * np.arange(segments) / segments
     radii = np.broadcast_to(np.asarray(radius, np.float64), (len(points),))[:, None, None]
     circles = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * side[:, None]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pcdbench.datasets.synthetic.environment import Environment, Floats
 from pcdbench.datasets.synthetic.lighting import shaded_colors
 from pcdbench.datasets.synthetic.materials import MATERIALS
+from pcdbench.geometry.sampling import first_of_each
 from pcdbench.geometry.visibility import camera_directions, panorama_directions
 
 MAX_POINTS = 360_000
@@ -55,9 +56,9 @@ class Scan:
 def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], rng: np.random.Generator) -> Scan:
     """What the survey brings home from within `box` (lowest and highest corner)."""
     parts = [_returns(environment, survey, pose, box, rng) for pose in survey.poses]
-    points, normals, triangles = (np.concatenate([part[k] for part in parts]) for k in range(3))
+    points = np.concatenate([part[0] for part in parts])
     kept = _thinned(points, rng)
-    points, normals, triangles = points[kept], normals[kept], triangles[kept]
+    points, normals, triangles = points[kept], *(np.concatenate([part[k] for part in parts])[kept] for k in (1, 2))
     colors = shaded_colors(environment, points, normals, triangles)
     exposure = np.clip(rng.normal(1.0, 0.035, (len(parts), 3)) * rng.normal(1.0, 0.05, (len(parts), 1)), 0.8, 1.2)
     first_frame = np.cumsum([0] + [len(part[0]) for part in parts])
@@ -82,9 +83,11 @@ def _returns(
     directions = seen @ R_scene_scanner.T
     hits = environment.raycaster.cast(pose[:3], directions)
     reached = np.where(np.isfinite(hits.range_m), hits.range_m, 0.0)
-    ends = pose[:3] + directions * reached[:, None]
     near = (reached > 0.3) & (reached < survey.max_range_m)
-    near &= ((ends > box[0] - 0.5) & (ends < box[1] + 0.5)).all(axis=1)
+    # By columns here and below: numpy is slow on rows of three.
+    for k in range(3):
+        end = pose[k] + directions[:, k] * reached
+        near &= (end > box[0][k] - 0.5) & (end < box[1][k] + 0.5)
     rows = np.flatnonzero(near)
     beyond = np.roll(reached, -1)[rows]
     towards, range_m, normals = directions[rows], reached[rows], hits.normals[rows]
@@ -101,11 +104,13 @@ def _returns(
     step = np.where(beyond > 0, np.abs(beyond - range_m), 0.0)
     mixed = (step > 0.15) & (step < 3.0) & (rng.uniform(size=len(rows)) < MIXED_SHARE)
     noisy = np.where(mixed, range_m + (beyond - range_m) * rng.uniform(size=len(rows)), noisy)
-    points = pose[:3] + towards * noisy[:, None]
-    inside = np.flatnonzero(returned & (points >= box[0]).all(axis=1) & (points <= box[1]).all(axis=1))
+    for k in range(3):
+        end = pose[k] + towards[:, k] * noisy
+        returned &= (end >= box[0][k]) & (end <= box[1][k])
+    inside = np.flatnonzero(returned)
     # Stations are registered to each other with a small error.
     offset, turn = rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003)
-    moved = points[inside] + offset
+    moved = pose[:3] + towards[inside] * noisy[inside, None] + offset
     arm = moved - pose[:3]
     moved[:, 0] -= turn * arm[:, 1]
     moved[:, 1] += turn * arm[:, 0]
@@ -121,12 +126,12 @@ def _panorama(step_deg: float, max_elevation_deg: float) -> Floats:
 def _thinned(points: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
     """Sorted rows of at most `MAX_POINTS` points: one in each voxel, of 15 mm or as large as it takes."""
     edge = VOXEL_M
-    offset = points.min(axis=0) - rng.uniform(0.0, 0.01, 3) if len(points) else np.zeros(3)
+    x, y, z = np.ascontiguousarray(points.T)
+    offset = np.array([x.min(), y.min(), z.min()]) - rng.uniform(0.0, 0.01, 3) if len(points) else np.zeros(3)
     kept = np.arange(len(points))
     while True:
-        cells = ((points[kept] - offset) / edge).astype(np.int64)
-        _, first = np.unique((cells[:, 0] << 42) | (cells[:, 1] << 21) | cells[:, 2], return_index=True)
-        kept = kept[np.sort(first)]
+        i, j, k = (((axis[kept] - low) / edge).astype(np.int64) for axis, low in zip((x, y, z), offset, strict=True))
+        kept = kept[first_of_each((i << 26) | (j << 13) | k)]
         if len(kept) <= MAX_POINTS:
             return kept
         edge *= max(1.05, (len(kept) / MAX_POINTS) ** 0.5)
