@@ -33,13 +33,17 @@ class HoleFillingOptions(pcdbench.Options):
         110.0, gt=0, lt=360, description="a point is on a rim if its neighbours leave a sector this wide free"
     )
     min_cosine: float = Field(
-        0.6,
+        0.85,
         ge=0,
         le=1,
-        description="cosine of the most that a triangle may turn from the surface at its corners",
+        description="cosine of the most that a triangle may turn from the normal at its corners, "
+        "unless half of the points around a corner lie in its plane",
     )
     emptiness: float = Field(
         0.9, gt=0, le=1, description="share of a triangle's smallest ball, by radius, that must hold no point"
+    )
+    max_open: float = Field(
+        0.65, ge=0, le=1, description="share of a closed hole's border, by length, that may lack a rim"
     )
 
 
@@ -47,12 +51,14 @@ class HoleFilling(Completer):
     """Closes the holes of the mesh of near neighbours with large triangles, and samples those at the input's density.
 
     The mesh is taken from the Delaunay tetrahedra of the cloud. Triangles with a long edge between rim points are
-    the holes. Their points lie not on the triangles but on the surface that the normals at the corners suggest
-    (Phong tessellation, Boubekeur and Alexa 2008, with the factor 1/2 that is exact for paraboloids).
+    the holes, where they go on in the plane of the surface and have enough rim around them: two surfaces that face
+    each other are not joined. New points lie not on the triangles but on the surface that the normals at their
+    corners suggest (Phong tessellation, Boubekeur and Alexa 2008, with the factor 1/2 that is exact for paraboloids).
     """
 
     Options = HoleFillingOptions
     options: HoleFillingOptions
+    version = "2"
     citation = "Boubekeur and Alexa, Phong Tessellation, ACM Trans. Graphics 27(5), 2008"
 
     def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
@@ -67,7 +73,7 @@ class HoleFilling(Completer):
         if spacing == 0:
             return cloud
         normals = unoriented_normals(corners)
-        triangles = hole_triangles(
+        triangles, corner_normals = hole_triangles(
             corners,
             normals,
             link_m=self.options.link * spacing,
@@ -75,11 +81,12 @@ class HoleFilling(Completer):
             min_gap_deg=self.options.min_gap_deg,
             min_cosine=self.options.min_cosine,
             emptiness=self.options.emptiness,
+            max_open=self.options.max_open,
             rng=rng,
         )
         if not len(triangles):
             return cloud
-        candidates = _surface_points(corners[triangles], normals[triangles], spacing, rng)
+        candidates = _surface_points(corners[triangles], corner_normals, spacing, rng)
         distances, _ = cKDTree(corners).query(candidates, workers=thread_count())
         candidates = candidates[distances >= spacing]
         count = round(len(points) * _area(candidates, spacing) / _area(points, spacing))
