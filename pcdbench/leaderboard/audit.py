@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from pcdbench.leaderboard.statistics import Estimate, mean_estimate
-from pcdbench.leaderboard.summary import case_means, samples_table
+from pcdbench.leaderboard.summary import case_means, level_text, samples_table
 
 # The audit's protocol is about these three: they are what they are called, whatever else is registered.
 TRUTH, CEILING, FLOOR = "ground_truth", "resample", "incomplete"
@@ -99,10 +99,16 @@ def _audit(task: str, incompleteness: str, rows: Sequence[Mapping[str, Any]]) ->
     judge = _Judge(table, first["direction"])
     highest = levels[-1]
     checks = [] if ceiling == TRUTH else [judge.at_least_as_good()]
-    checks.append(judge.better(f"{ceiling} beats {FLOOR} {levels[0]:.0%}", (ceiling, levels[0]), (FLOOR, levels[0])))
+    checks.append(
+        judge.better(f"{ceiling} beats {FLOOR} {level_text(levels[0])}", (ceiling, levels[0]), (FLOOR, levels[0]))
+    )
     for less, more in pairwise(levels):
-        checks.append(judge.better(f"{FLOOR} {less:.0%} beats {more:.0%}", (FLOOR, less), (FLOOR, more)))
-    checks.append(judge.apart(f"{ceiling} apart from {FLOOR} {highest:.0%}", (ceiling, highest), (FLOOR, highest)))
+        checks.append(
+            judge.better(f"{FLOOR} {level_text(less)} beats {level_text(more)}", (FLOOR, less), (FLOOR, more))
+        )
+    checks.append(
+        judge.apart(f"{ceiling} apart from {FLOOR} {level_text(highest)}", (ceiling, highest), (FLOOR, highest))
+    )
     return Audit(
         task=task,
         metric=first["metric"],

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from pcdbench.incompleteness import MEASURED
 from pcdbench.leaderboard.statistics import Estimate
+from pcdbench.leaderboard.summary import level_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +81,7 @@ def audit_table(audit: Audit) -> Table:
         block = blocks.setdefault(standing.reference, [])
         block.append(
             [
-                Cell(_level_text(standing.level, math.nan)),
+                Cell(level_text(standing.level)),
                 Cell("" if block else standing.reference),
                 Cell("-" if standing.mean is None else estimate_text(standing.mean, audit.unit)),
                 Cell(_cases(standing.cases, standing.failed, standing.skipped)),
@@ -160,7 +160,7 @@ def _block(lines: pd.DataFrame) -> list[list[Cell]]:
         ]
         block.append(
             [
-                Cell("" if position else _level_text(line["level"], lines["missing"].mean())),
+                Cell("" if position else level_text(line["level"], lines["missing"].mean())),
                 Cell(line["completer"], bold=line["completer"] in best, italic=reference),
                 *estimates,
                 Cell(_cases(line["cases"], line["failed"], line["skipped"])),
@@ -168,13 +168,6 @@ def _block(lines: pd.DataFrame) -> list[list[Cell]]:
             ]
         )
     return block
-
-
-def _level_text(level: float, missing: float) -> str:
-    """The level; where none was asked for, the share found missing: `about 62%`."""
-    if level != MEASURED:
-        return f"{level:.0%}"
-    return "measured" if math.isnan(missing) else f"about {missing:.0%}"
 
 
 def _best(lines: pd.DataFrame) -> set[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from pcdbench.incompleteness import MEASURED
 from pcdbench.leaderboard.statistics import Estimate, estimates, mean_estimate
 
 GROUP = ["task", "metric", "incompleteness", "level", "completer"]
@@ -139,6 +141,17 @@ def reasons(rows: Iterable[Mapping[str, Any]]) -> list[str]:
         alike = len({row["error"] for row in its}) > 1
         lines.append(f"{len(its)} {status}: {completer} on {tasks}: {its[0]['error']}{' (and alike)' if alike else ''}")
     return lines
+
+
+def level_text(level: float, missing: float = math.nan) -> str:
+    """A level for people; where none was asked for, the share that was found missing: `about 62%`.
+
+    Args:
+        missing: that share, where it is known.
+    """
+    if level != MEASURED:
+        return f"{level:.0%}"
+    return "as measured" if math.isnan(missing) else f"about {missing:.0%}"
 
 
 def _mean_missing(group: pd.DataFrame) -> float:
