@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from pcdbench.case import Case, make_case
     from pcdbench.cloud import PointCloud
     from pcdbench.completer import Completer, ReferenceCompleter
+    from pcdbench.completion import Completed, complete
     from pcdbench.dataset import Dataset
     from pcdbench.incompleteness import Incompleteness
+    from pcdbench.leaderboard.results import read_figures, read_results
     from pcdbench.options import Options
     from pcdbench.plugins import Register, hookimpl
     from pcdbench.scene import Box, Scene, Surface, TaggedObject
@@ -27,6 +29,7 @@ __version__ = "0.1.0"
 _MODULE_OF_NAME = {
     "Box": "scene",
     "Case": "case",
+    "Completed": "completion",
     "Completer": "completer",
     "Dataset": "dataset",
     "Incompleteness": "incompleteness",
@@ -40,8 +43,11 @@ _MODULE_OF_NAME = {
     "Surface": "scene",
     "TaggedObject": "scene",
     "Task": "task",
+    "complete": "completion",
     "hookimpl": "plugins",
     "make_case": "case",
+    "read_figures": "leaderboard.results",
+    "read_results": "leaderboard.results",
     "view": "viewing.page",
 }
 
@@ -49,6 +55,7 @@ __all__ = [
     "Box",
     "Case",
     "CloudError",
+    "Completed",
     "Completer",
     "Dataset",
     "Incompleteness",
@@ -65,8 +72,11 @@ __all__ = [
     "Surface",
     "TaggedObject",
     "Task",
+    "complete",
     "hookimpl",
     "make_case",
+    "read_figures",
+    "read_results",
     "view",
 ]
 

@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import audit, data, list_, results, run, show, view
+from pcdbench.cli import audit, complete, data, list_, results, run, show, view
 from pcdbench.errors import PcdbenchError
 
 
@@ -34,6 +34,7 @@ app.command("run")(run.run)
 app.command("results")(results.results)
 app.command("audit")(audit.audit)
 app.add_typer(data.app, name="data")
+app.command("complete")(complete.complete)
 app.command("list")(list_.list_plugins)
 app.command("show")(show.show)
 app.command("view")(view.view)

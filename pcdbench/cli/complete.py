@@ -1,0 +1,79 @@
+"""`pcdbench complete`: one's own scan completed, whatever its size, with a report of what to scan again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def complete(
+    scan: Annotated[
+        Path, typer.Argument(metavar="IN", help="The scan: PLY, PCD, XYZ, TXT, CSV, LAS, LAZ, E57 or NPZ.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="Where to write; any of these formats.")],
+    completer: Annotated[str, typer.Option(help="A completer from `pcdbench list`.")],
+    option: Annotated[
+        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer (see pcdbench show NAME).")
+    ] = None,
+    up: Annotated[str, typer.Option(help="The scan's up axis: z, y, x, -z, -y or -x.")] = "z",
+    added_only: Annotated[bool, typer.Option("--added-only", help="Write the added points alone.")] = False,
+    report: Annotated[Path | None, typer.Option(help="Write what to scan again into this folder.")] = None,
+    tile_m: Annotated[float | None, typer.Option(help="Edge of a tile in metres, else by density.")] = None,
+    runs: Annotated[int, typer.Option(help="Ask the completer so often; disagreement lowers the confidence.")] = 1,
+    jobs: Annotated[int, typer.Option(help="Worker processes.")] = 1,
+    seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
+) -> None:
+    """Complete a scan, of a room or a building, and mark what was added.
+
+    Observed points are written as they were. Added ones come after them, with the fields `added` (0 or 1) and
+    `confidence` (0 to 1; 1 for observed points).
+    """
+    import warnings
+
+    from pcdbench.cloud import PointCloud
+    from pcdbench.completion import complete as completed_of
+    from pcdbench.completion.progress import TileProgress
+    from pcdbench.errors import PcdbenchError
+    from pcdbench.formats import carries_fields
+    from pcdbench.runner.selection import option_targets, parse_options, select
+
+    marked = carries_fields(out)
+    if out.exists() and scan.exists() and out.samefile(scan):
+        raise PcdbenchError(f"{out} is the scan itself; name another file, so that the scan is kept")
+    options = parse_options(option or [])
+    option_targets(options, {"completer": [completer]})
+    select("completer", completer, options.get(completer, {}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", UserWarning)
+        warnings.showwarning = lambda message, *_: typer.echo(f"pcdbench: {message}", err=True)
+        cloud = PointCloud.read(scan)
+        with TileProgress() as progress:
+            completed = completed_of(
+                cloud,
+                completer,
+                options=options.get(completer, {}),
+                up=up,
+                tile_m=tile_m,
+                runs=runs,
+                jobs=jobs,
+                seed=seed,
+                progress=progress.done,
+            )
+    added = int(completed.added.sum())
+    if added_only and not added:
+        raise PcdbenchError(f"{completer} added nothing to {scan}; {out} is not written")
+    completed.write(out, added_only=added_only)
+    if not marked and not added_only:
+        typer.echo(
+            f"pcdbench: {out.suffix} cannot mark points: the last {added:,} of {out} are the added ones; "
+            "PLY, PCD, LAS, text and NPZ can, and --added-only needs no mark",
+            err=True,
+        )
+    typer.echo(f"{out}: {len(cloud):,} points observed, {added:,} added by {completer}", err=True)
+    if report is not None:
+        from pcdbench.completion.report import write_report
+
+        regions = write_report(completed, report, scan.name, completer)
+        typer.echo(f"{report / 'report.md'}: {len(regions)} regions to scan again", err=True)

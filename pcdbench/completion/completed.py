@@ -1,0 +1,66 @@
+"""A completed cloud: what was observed, as it was, and what was added, with the confidence of each point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.cloud import PointCloud
+from pcdbench.completion.frames import Frame
+from pcdbench.formats import carries_fields, write_cloud
+
+
+@dataclass(frozen=True, eq=False)
+class Completed:
+    """What `pcdbench.complete` returns.
+
+    Attributes:
+        cloud: the observed points, in their order and to the last bit, and after them the added ones.
+        added: (N,) which points of the cloud were added.
+        confidence: (N,) float32 in [0, 1]; 1 for observed points.
+        spacing_m: (A,) of each added point: how far points are apart there, as on a square grid.
+        weakest: (A,) uint8 of each added point: which of `confidence.FACTORS` lowers its confidence most.
+        rims: (R, 3) points on the rims of gaps that stayed open.
+        rims_m2: (R,) square metres of gap that each stands for.
+        surface_m2: area of what was observed, about.
+        frame: which axis is up.
+        tiles: how many tiles were completed, failed ones too.
+        failures: one line for each tile that the completer failed on; nothing was added there.
+    """
+
+    cloud: PointCloud
+    added: NDArray[np.bool_]
+    confidence: NDArray[np.float32]
+    spacing_m: NDArray[np.float64]
+    weakest: NDArray[np.uint8]
+    rims: NDArray[np.float64]
+    rims_m2: NDArray[np.float64]
+    surface_m2: float
+    frame: Frame
+    tiles: int
+    failures: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Completed({int((~self.added).sum()):,} observed and {len(self.spacing_m):,} added points)"
+
+    @property
+    def added_cloud(self) -> PointCloud:
+        """The added points alone."""
+        return self.cloud.select(slice(len(self.cloud) - len(self.spacing_m), None))  # type: ignore[arg-type]
+
+    def write(self, path: str | Path, *, added_only: bool = False) -> None:
+        """Write the cloud with the fields `added` (0 or 1) and `confidence`, in formats that have fields.
+
+        Observed coordinates are written to the last bit where the format can (see `write_cloud`).
+
+        Raises:
+            CloudError: where nothing was added and nothing else is asked for, or the file cannot be written.
+        """
+        path = Path(path)
+        cloud = self.added_cloud if added_only else self.cloud
+        first = len(self.cloud) - len(cloud)
+        fields = {"added": self.added[first:], "confidence": self.confidence[first:]}
+        write_cloud(cloud, path, fields if carries_fields(path) else {}, exact=True)

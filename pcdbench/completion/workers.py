@@ -1,0 +1,114 @@
+"""Where tiles are completed: in this process, or in worker processes with a few tiles under way at a time."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from pebble import ProcessExpired, ProcessPool
+
+from pcdbench.threads import limit_threads, thread_count
+
+if TYPE_CHECKING:
+    from pcdbench.completer import Completer
+    from pcdbench.completion.tile_work import TileResult, TileTask
+    from pcdbench.completion.tiles import Index
+    from pcdbench.runner.selection import Plugin
+
+Outcome = tuple["Index", "TileResult | Exception | None"]
+
+
+def tile_outcomes(
+    tasks: Iterable[tuple[Index, TileTask]], completer: Plugin | Completer, jobs: int
+) -> Iterator[Outcome]:
+    """Complete tiles and give each as soon as it is there: its result, or the error that it ended in.
+
+    Tasks are drawn as they are needed, so that no more than `jobs` + 1 windows are in memory. Closing the iterator
+    ends the workers.
+
+    Args:
+        tasks: each tile with its work.
+        completer: built once a process.
+        jobs: worker processes; 1 is this process.
+    """
+    if jobs == 1:
+        yield from _here(tasks, completer)
+        return
+    context = multiprocessing.get_context("spawn")
+    arguments = (completer, max(1, thread_count() // jobs))
+    pool = ProcessPool(jobs, initializer=_begin_worker, initargs=arguments, context=context)
+    waiting = iter(tasks)
+    running: dict[Future, Index] = {}
+    try:
+        while True:
+            for tile, task in islice(waiting, jobs + 1 - len(running)):
+                running[pool.schedule(_in_worker, args=(task,))] = tile
+            if not running:
+                return
+            done, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield running.pop(future), _outcome(future)
+    finally:
+        pool.stop()
+        pool.join()
+
+
+def _here(tasks: Iterable[tuple[Index, TileTask]], completer: Plugin | Completer) -> Iterator[Outcome]:
+    from pcdbench.completion.tile_work import tile_result
+
+    built = _built(completer)
+    for tile, task in tasks:
+        try:
+            outcome: TileResult | Exception | None = tile_result(task, built)
+        except Exception as error:
+            outcome = error
+        yield tile, outcome
+
+
+def _outcome(future: Future) -> TileResult | Exception | None:
+    try:
+        result: TileResult | None = future.result()
+        return result
+    except ProcessExpired as death:
+        return RuntimeError(f"its process died (exit code {death.exitcode}): a crash in native code, or out of memory")
+    except Exception as error:
+        return error
+
+
+def _built(completer: Plugin | Completer) -> Any:
+    from pcdbench.completer import Completer
+
+    return completer if isinstance(completer, Completer) else completer.build()
+
+
+_completer: Any = None
+
+
+def _begin_worker(completer: Plugin | Completer, threads: int) -> None:
+    global _completer
+    limit_threads(threads)
+    # Native libraries print to standard output, which belongs to the parent.
+    os.dup2(2, 1)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    _completer = completer
+
+
+def _end_with(parent: Any) -> None:
+    """End this process when its parent is gone, killed even."""
+    parent.join()
+    os._exit(1)
+
+
+def _in_worker(task: TileTask) -> TileResult | None:
+    global _completer
+    from pcdbench.completion.tile_work import tile_result
+
+    _completer = _built(_completer)
+    return tile_result(task, _completer)
