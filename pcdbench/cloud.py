@@ -55,6 +55,12 @@ class PointCloud:
         extent = " x ".join(f"{side:.2f}" for side in np.ptp(self.points, axis=0))
         return f"PointCloud({len(self):,} points, {color}, {extent} m)"
 
+    def _repr_html_(self) -> str:
+        """What a notebook shows; nothing is drawn before one asks."""
+        from pcdbench.viewing.notebook import cloud_html
+
+        return cloud_html(self)
+
     @classmethod
     def read(cls, path: str | Path) -> PointCloud:
         """Read a cloud from PLY, PCD, XYZ/TXT, LAS/LAZ, E57 or NPZ, by the file's extension.

@@ -19,14 +19,9 @@ def results(
     format: Annotated[Format, typer.Option(help="How to print the summary.")] = "table",
 ) -> None:
     """Print the summary of a run again."""
-    from pcdbench.errors import PcdbenchError
-    from pcdbench.runner.store import read_rows, read_run
+    from pcdbench.leaderboard.results import rows_of_run
 
-    read_run(run)
-    rows = read_rows(run)
-    if not rows:
-        raise PcdbenchError(f"{run} has no rows yet; give its command again to go on (it is in {run / 'run.json'})")
-    print_summary(rows, run, format)
+    print_summary(rows_of_run(run), run, format)
 
 
 def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Format) -> None:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor, Failure
 from pcdbench.runner.plan import Cell, Plan
+from pcdbench.runner.selection import Plugin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Path) -> Path | None:
@@ -47,17 +51,10 @@ def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     Returns:
         The files `<task>_<name>.png` in `folder`, and a line for each task that failed to draw.
     """
-    import pandas as pd
-
     written, problems = [], []
     for plugin in plan.tasks:
-        frame = pd.DataFrame(
-            [_drawn(row) for row in rows if row["status"] == "ok" and row["task"]["name"] == plugin.name]
-        )
-        if frame.empty:
-            continue
         try:
-            for name, figure in plugin.build().figures(frame).items():
+            for name, figure in figures_of(plugin, rows).items():
                 folder.mkdir(parents=True, exist_ok=True)
                 path = folder / f"{plugin.name}_{name}.png"
                 figure.savefig(path, dpi=130)
@@ -65,6 +62,14 @@ def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
         except Exception as error:
             problems.append(f"{plugin.name} could not draw its figures: {type(error).__name__}: {error}")
     return written, problems
+
+
+def figures_of(task: Plugin, rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Figure]:
+    """What a task draws of its rows, by name; nothing where it measured nothing."""
+    import pandas as pd
+
+    frame = pd.DataFrame([_drawn(row) for row in rows if row["status"] == "ok" and row["task"]["name"] == task.name])
+    return {} if frame.empty else task.build().figures(frame)
 
 
 def _drawn(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,6 +16,8 @@ _PANEL_INCHES = 3.4
 _CEILING_SHARE = 0.85
 # A disc's radius in mean spacings, were all points on the floor: they are not, so discs must be larger.
 _OVERLAP = 1.15
+# One point has no extent, and a picture must have one.
+_SMALLEST_MARGIN_M = 0.1
 _SLANT_DEG, _TURN_DEG = 52.0, 30.0
 
 
@@ -27,7 +29,7 @@ def write_picture(path: Path, clouds: Sequence[tuple[str, PointCloud]], title: s
     """
     from matplotlib.figure import Figure
 
-    images = [[view(cloud, frame) for _, cloud in clouds] for view in (_from_above, _at_a_slant)]
+    images = [[view(cloud, frame) for _, cloud in clouds] for view in (from_above, at_a_slant)]
     heights = [row[0].shape[0] / row[0].shape[1] for row in images]
     figure = Figure(figsize=(_PANEL_INCHES * len(clouds), _PANEL_INCHES * sum(heights) + 0.9), layout="constrained")
     axes = figure.subplots(2, len(clouds), squeeze=False, height_ratios=heights)
@@ -77,11 +79,13 @@ def splat(
     return image.reshape(height, width, 3)
 
 
-def _from_above(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
+def from_above(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
+    """(H, W, 3) picture in [0, 1] of a cloud without its ceiling from above, at the frame's extent."""
     return _view(cloud, frame, np.eye(3))
 
 
-def _at_a_slant(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
+def at_a_slant(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
+    """(H, W, 3) picture in [0, 1] of a cloud without its ceiling at a slant, at the frame's extent."""
     slant, turn = np.deg2rad(_SLANT_DEG), np.deg2rad(_TURN_DEG)
     about_z = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
     about_x = np.array([[1, 0, 0], [0, np.cos(slant), np.sin(slant)], [0, -np.sin(slant), np.cos(slant)]])
@@ -97,7 +101,7 @@ def _view(cloud: PointCloud, frame: PointCloud, R_view_scene: NDArray[np.float64
     points = (cloud.points[shown] - center) @ R_view_scene.T
     framed = (frame.points[frame.points[:, 2] <= ceiling] - center) @ R_view_scene.T
     corners = framed[:, :2].min(axis=0), framed[:, :2].max(axis=0)
-    margin = 0.03 * float((corners[1] - corners[0]).max())
+    margin = max(0.03 * float((corners[1] - corners[0]).max()), _SMALLEST_MARGIN_M)
     floor_m2 = float(np.prod(np.maximum(high - low, 0.1)[:2]))
     radius_m = _OVERLAP * (floor_m2 / max(1, len(frame))) ** 0.5
     return splat(points, _shaded(cloud, low, high)[shown], (corners[0] - margin, corners[1] + margin), radius_m)

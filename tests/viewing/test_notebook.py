@@ -1,0 +1,69 @@
+"""Clouds and figures show themselves in notebooks: through IPython, as Jupyter asks for it."""
+
+import base64
+import io
+import re
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from pcdbench import PointCloud, Scene
+from pcdbench.leaderboard.results import Figures
+
+
+def images(html: str) -> list[np.ndarray]:
+    found = re.findall(r'src="data:image/png;base64,([^"]+)"', html)
+    return [matplotlib.image.imread(io.BytesIO(base64.b64decode(text))) for text in found]
+
+
+def displayed(value: object) -> dict[str, str]:
+    """What Jupyter would show of a value."""
+    formatters = pytest.importorskip("IPython.core.formatters")
+    shown, _ = formatters.DisplayFormatter().format(value)
+    return shown
+
+
+def test_a_cloud_is_two_pictures_and_its_description(room: Scene) -> None:
+    cloud = room.complete
+    html = displayed(cloud)["text/html"]
+    assert html == cloud._repr_html_() and repr(cloud) in html
+    pictures = images(html)
+    assert len(pictures) == 2
+    for picture in pictures:
+        ground = (picture[..., :3] > 0.99).all(axis=2).mean()
+        assert 0.02 < ground < 0.98 and picture[..., :3].std() > 0.05, "a room on a white ground"
+    assert "<script" not in html and len(html) < 400_000
+
+
+def test_no_points_are_a_description() -> None:
+    html = PointCloud(np.empty((0, 3)))._repr_html_()
+    assert "PointCloud(0 points, no colour)" in html and images(html) == []
+
+
+@pytest.mark.parametrize("points", [[[1.0, 2, 3]], [[0, 0, 0], [0, 0, 5]]])
+def test_small_clouds_are_shown(points: list[list[float]]) -> None:
+    assert len(images(PointCloud(points)._repr_html_())) == 2
+
+
+def test_large_clouds_cost_what_small_ones_do() -> None:
+    rng = np.random.default_rng(0)
+    cloud = PointCloud(rng.random((1_000_000, 3)) * [6, 5, 3])
+    cloud.select(np.arange(100))._repr_html_()
+    before = time.process_time()
+    html = cloud._repr_html_()
+    assert time.process_time() - before < 2
+    assert "1,000,000 points" in html
+
+
+def test_figures_show_themselves_and_tell_of_those_that_cannot() -> None:
+    good, bad = Figure(), Figure()
+    good.subplots().plot([1, 2])
+    bad.subplots().set_title("$\\no_such_symbol$")
+    figures = Figures({"<good>": good, "bad": bad})
+    html = displayed(figures)["text/html"]
+    assert len(images(html)) == 1 and "&lt;good&gt;" in html and "<good>" not in html
+    assert "bad cannot be drawn: ValueError" in html
+    assert list(figures) == ["<good>", "bad"] and figures["bad"] is bad and repr(figures) == "Figures(<good>, bad)"
