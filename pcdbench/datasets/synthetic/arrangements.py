@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from pcdbench.datasets.synthetic.fittings import put_at_windows, put_clutter, put_on_ceiling, put_on_walls
 from pcdbench.datasets.synthetic.groups import (
     SHELF_THINGS,
     TABLE_THINGS,
@@ -14,7 +15,6 @@ from pcdbench.datasets.synthetic.groups import (
     middle_of,
     put_island,
     put_plants,
-    put_seating,
     put_seating_somewhere,
     put_stores,
     put_sundries,
@@ -23,95 +23,21 @@ from pcdbench.datasets.synthetic.groups import (
     put_workplace,
     spin,
 )
+from pcdbench.datasets.synthetic.open_spaces import furnish_corridor, furnish_hallway, furnish_lobby, furnish_open_plan
 from pcdbench.datasets.synthetic.placement import Placement
-from pcdbench.datasets.synthetic.plan import Floats, Room
+from pcdbench.datasets.synthetic.plan import Room
 
 KITCHEN_THINGS = ["coffee_machine", "microwave", "kettle", "bowl", "bottle", "mug", "vase"]
-CLUTTER = [
-    "crate",
-    "backpack",
-    "waste_bin",
-    "box_stack",
-    "shoes",
-    "umbrella_stand",
-    "stool",
-    "backpack",
-    "waste_bin",
-    "bicycle",
-    "pedestal",
-]
-WALL_THINGS = [
-    "picture",
-    "picture",
-    "clock",
-    "notice_board",
-    "wall_whiteboard",
-    "wall_shelf",
-    "wall_shelf",
-    "wall_sign",
-    "wall_lamp",
-    "wall_grille",
-    "wall_cabinet",
-    "wall_air_conditioner",
-    "wall_mirror",
-    "radiator",
-    "fire_extinguisher",
-]
-CEILING_THINGS = ["smoke_detector", "sprinkler", "cassette_unit", "ceiling_grille", "hanging_sign", "projector"]
 
 
 def furnish(placement: Placement, room: Room) -> None:
     """Furnish a room after its use."""
-    _windows(placement, room)
+    put_at_windows(placement, room)
     _MAKERS[room.use](placement, room)
-    _walls(placement, room)
-    _ceiling(placement, room)
+    put_on_walls(placement, room)
+    put_on_ceiling(placement, room)
     area = float(np.prod(np.ptp(room.outline, axis=0)))
-    _clutter(placement, room, int(placement.rng.integers(2, 5 + int(area / 9))))
-
-
-def _walls(placement: Placement, room: Room) -> None:
-    perimeter = float(np.hypot(*(np.roll(room.outline, -1, axis=0) - room.outline).T).sum())
-    for _ in range(int(placement.rng.integers(4, 6 + int(perimeter / 3.5)))):
-        placement.at_wall(room, any_of(placement, WALL_THINGS), off_m=0.0, tries=6)
-
-
-def _windows(placement: Placement, room: Room) -> None:
-    """Radiators under windows, and curtains beside them in some rooms."""
-    curtains = placement.rng.uniform() < 0.35
-    for start, end in room.edges():
-        for first, last, opening in placement.plan.openings_of(start, end):
-            if opening.kind != "window":
-                continue
-            if opening.z0 > 0.7 and placement.rng.uniform() < 0.75:
-                _centered(placement, room, "radiator", start, end, (first + last) / 2)
-            if curtains and placement.rng.uniform() < 0.8:
-                _centered(placement, room, "curtain", start, end, (first + last) / 2)
-
-
-def _centered(placement: Placement, room: Room, name: str, start: Floats, end: Floats, middle: float) -> None:
-    """Put a wall piece in front of the middle of a wall's interval, whatever is in the wall there."""
-    along = (end - start) / np.hypot(*(end - start))
-    x, y = start + along * middle + np.array([-along[1], along[0]]) * 0.01
-    placement.put(room, name, placement.build(name), float(x), float(y), float(np.arctan2(along[1], along[0])))
-
-
-def _ceiling(placement: Placement, room: Room) -> None:
-    rng = placement.rng
-    low, high = room.outline.min(axis=0), room.outline.max(axis=0)
-    for _ in range(int(rng.integers(0, 3 + int(np.prod(high - low) / 10)))):
-        name = any_of(placement, CEILING_THINGS)
-        x, y = rng.uniform(low, high)
-        placement.put(room, name, placement.build(name), float(x), float(y), long_yaw(room), room.height - 0.001, 0.02)
-
-
-def _clutter(placement: Placement, room: Room, count: int) -> None:
-    for _ in range(count):
-        name = any_of(placement, CLUTTER)
-        if placement.rng.uniform() < 0.7:
-            placement.at_wall(room, name, jitter_rad=0.3, off_m=float(placement.rng.uniform(0.02, 0.15)))
-        else:
-            placement.somewhere(room, name, 5, 0.1)
+    put_clutter(placement, room, int(placement.rng.integers(2, 5 + int(area / 9))))
 
 
 def _office(placement: Placement, room: Room) -> None:
@@ -277,118 +203,6 @@ def _storage(placement: Placement, room: Room) -> None:
         placement.somewhere(room, any_of(placement, ["crate", "box_stack", "stool"]), 5, 0.25)
 
 
-def _corridor(placement: Placement, room: Room) -> None:
-    rng = placement.rng
-    length = float(np.ptp(room.outline, axis=0).max())
-    for _ in range(int(rng.integers(3, 4 + int(length / 1.8)))):
-        name = any_of(
-            placement,
-            [
-                "bench",
-                "cabinet",
-                "lockers",
-                "plant",
-                "printer",
-                "bookcase",
-                "chair",
-                "water_cooler",
-                "filing_cabinet",
-                "filing_cabinet",
-            ],
-        )
-        placed = placement.at_wall(room, name, off_m=0.03, jitter_rad=0.03)
-        if placed:
-            placement.on_top(room, placed, ["book_pile", "paper_stack", "desk_plant", "small_box"], 0.5, 3)
-    for _ in range(2):
-        placement.at_wall(room, any_of(placement, ["fire_extinguisher", "notice_board"]), off_m=0.0)
-
-
-def _hallway(placement: Placement, room: Room) -> None:
-    _corridor(placement, room)
-    rng = placement.rng
-    for _ in range(int(rng.integers(5, 10))):
-        placement.at_wall(room, any_of(placement, ["lockers", "lockers", "bench", "bookcase"]), off_m=0.02)
-    for _ in range(int(rng.integers(1, 4))):
-        put_seating_somewhere(placement, room, 5)
-    for _ in range(int(rng.integers(1, 3))):
-        put_table_somewhere(placement, room, "round_table", TABLE_THINGS, "chair")
-    put_plants(placement, room, 3)
-
-
-def _lobby(placement: Placement, room: Room) -> None:
-    rng = placement.rng
-    low, high = room.outline.min(axis=0), room.outline.max(axis=0)
-    for _ in range(10):
-        x, y = rng.uniform(low + 2.0, high - 2.0)
-        yaw = float(rng.integers(0, 4)) * np.pi / 2
-        counter = placement.put(
-            room, "reception_counter", placement.build("reception_counter"), float(x), float(y), yaw, 0.0, 0.9
-        )
-        if counter:
-            for dx in (-0.5, 0.6):
-                sx, sy = counter.to_scene(np.array([[dx, counter.built.mesh.bounds()[0][1] - 0.35]]))[0]
-                placement.put(
-                    room,
-                    "office_chair",
-                    placement.build("office_chair"),
-                    float(sx),
-                    float(sy),
-                    yaw + spin(placement, 30),
-                    0.0,
-                    0.0,
-                )
-            placement.on_top(room, counter, ["monitor", "book_pile", "paper_stack", "vase", "telephone"], 1.0, 4)
-            break
-    area = float(np.prod(high - low))
-    for _ in range(int(area / 20)):
-        put_seating_somewhere(placement, room, 6)
-    for _ in range(int(area / 30)):
-        put_table_somewhere(placement, room, "round_table", TABLE_THINGS)
-    for _ in range(4):
-        placement.at_wall(
-            room,
-            any_of(placement, ["bench", "bookcase", "vending_machine", "bookcase", "filing_cabinet", "tv_stand"]),
-            off_m=0.03,
-        )
-    put_plants(placement, room, int(rng.integers(3, 7)))
-    for _ in range(4):
-        placement.somewhere(
-            room, any_of(placement, ["plant", "umbrella_stand", "waste_bin", "partition", "bench"]), 6, 0.5
-        )
-
-
-def _open_plan(placement: Placement, room: Room) -> None:
-    rng = placement.rng
-    low, high = room.outline.min(axis=0), room.outline.max(axis=0)
-    size = high - low
-    pairs = int(rng.integers(2, 4))
-    step = np.array([pairs * 1.62 + 1.1, 3.7])
-    counts = np.maximum(1, ((size - 1.0) // step).astype(int))
-    upright = bool(rng.uniform() < 0.3)
-    step = step[::-1] if upright else step
-    for i in range(counts[0]):
-        for j in range(counts[1]):
-            at = low + size * (np.array([i, j]) + 0.5) / counts + rng.normal(0, 0.15, 2)
-            draw = rng.uniform()
-            if draw < 0.72:
-                put_island(placement, room, float(at[0]), float(at[1]), np.pi / 2 if upright else 0.0, pairs)
-            elif draw < 0.84:
-                put_seating(placement, room, float(at[0]), float(at[1]), float(rng.integers(0, 2)) * np.pi / 2)
-            else:
-                put_table(placement, room, "meeting_table", float(at[0]), float(at[1]), 0.0, TABLE_THINGS)
-    put_stores(placement, room, int(rng.integers(8, 14)))
-    for _ in range(int(rng.integers(6, 13))):
-        placement.somewhere(
-            room,
-            any_of(placement, ["partition", "filing_cabinet", "plant", "filing_cabinet", "whiteboard_stand"]),
-            6,
-            0.35,
-            float(rng.integers(0, 4)) * np.pi / 2,
-        )
-    put_plants(placement, room, int(rng.integers(3, 6)))
-    put_sundries(placement, room, ["printer", "coat_stand", "water_cooler", "vending_machine"], 4)
-
-
 _MAKERS: dict[str, Callable[[Placement, Room], None]] = {
     "office": _office,
     "meeting": _meeting,
@@ -396,8 +210,8 @@ _MAKERS: dict[str, Callable[[Placement, Room], None]] = {
     "kitchen": _kitchen,
     "lounge": _lounge,
     "storage": _storage,
-    "corridor": _corridor,
-    "hallway": _hallway,
-    "lobby": _lobby,
-    "open_plan": _open_plan,
+    "corridor": furnish_corridor,
+    "hallway": furnish_hallway,
+    "lobby": furnish_lobby,
+    "open_plan": furnish_open_plan,
 }

@@ -10,39 +10,22 @@ import numpy as np
 
 from pcdbench.datasets.synthetic.plan import (
     INNER_WALL_M,
-    Floats,
     Opening,
     Plan,
     Room,
     bumped,
     connect,
-    cut_corner,
     rectangle,
     windows,
     with_openings,
 )
+from pcdbench.datasets.synthetic.rooms import doors_to, random_height, room_of, row_of_rooms, shaped
 
 Columns = tuple[tuple[float, float, float, bool], ...]
 
 LARGE_KINDS = ("corridor", "lobby", "open_plan", "hallway", "corridor", "open_plan")
 SMALL_KINDS = ("office", "meeting", "classroom", "kitchen", "office", "lounge", "meeting", "storage")
 
-_FLOORS: dict[str, tuple[str, ...]] = {
-    "corridor": ("linoleum", "terrazzo", "floor_tiles", "carpet"),
-    "hallway": ("terrazzo", "linoleum", "floor_tiles"),
-    "lobby": ("marble", "terrazzo", "floor_tiles", "parquet"),
-    "kitchen": ("floor_tiles", "small_floor_tiles", "linoleum", "planks"),
-    "storage": ("linoleum", "concrete", "floor_tiles"),
-    "classroom": ("linoleum", "parquet", "planks"),
-}
-_WALLS: dict[str, tuple[str, ...]] = {
-    "kitchen": ("wall_tiles", "wall_paint", "plaster"),
-    "storage": ("concrete", "brick", "wall_paint"),
-    "lobby": ("plaster", "wood_panelling", "wall_paint", "concrete"),
-}
-_MANY_FLOORS = ("carpet", "parquet", "planks", "linoleum", "carpet")
-_MANY_WALLS = ("wall_paint", "wall_paint", "plaster", "wallpaper")
-_ACCENTS = ("brick", "wood_panelling", "wall_paint", "wallpaper", "wall_paint", "concrete")
 _SIDE_USES = ("office", "office", "meeting", "office", "storage", "kitchen", "lounge")
 
 
@@ -55,44 +38,6 @@ def plan_of(kind: str, rng: np.random.Generator) -> Plan:
         "hallway": _hallway,
     }
     return makers[kind](rng) if kind in makers else _suite(kind, rng)
-
-
-def _room(use: str, outline: Floats, rng: np.random.Generator, height: float) -> Room:
-    choice = rng.uniform()
-    ceiling = "tiles" if choice < 0.4 else "plain" if choice < 0.65 else "open"
-    return Room(
-        use=use,
-        outline=outline,
-        height=height,
-        floor=str(rng.choice(_FLOORS.get(use, _MANY_FLOORS))),
-        wall=str(rng.choice(_WALLS.get(use, _MANY_WALLS))),
-        accent=str(rng.choice(_ACCENTS)),
-        ceiling=ceiling,
-        tint=int(rng.integers(0, 2**31)),
-    )
-
-
-def _height(rng: np.random.Generator, low: float = 2.55, high: float = 3.2) -> float:
-    return float(rng.uniform(low, high))
-
-
-def _shaped(outline: Floats, rng: np.random.Generator, corners: Sequence[int], strength: float = 1.0) -> Floats:
-    """An outline made less of a rectangle: cut corners and piers, at these corners or between them."""
-    sides = np.hypot(*(np.roll(outline, -1, axis=0) - outline).T)
-    shaped = outline
-    for corner in sorted(corners, reverse=True):
-        draw = rng.uniform()
-        if draw > 0.75 * strength:
-            continue
-        before, after = sides[corner - 1], sides[corner]
-        if draw < 0.4 * strength:
-            size = (float(before * rng.uniform(0.12, 0.3)), float(after * rng.uniform(0.12, 0.3)))
-            shaped = cut_corner(shaped, corner, "notch", size)
-        else:
-            reach = float(rng.uniform(0.8, min(2.4, 0.4 * min(before, after) + 0.81)))
-            ways = "slant" if draw < 0.58 * strength else "round"
-            shaped = cut_corner(shaped, corner, ways, (reach, float(reach * rng.uniform(0.8, 1.2))))
-    return shaped
 
 
 def _with_piers(room: Room, taken: Sequence[Opening], rng: np.random.Generator, chance: float) -> Room:
@@ -122,59 +67,17 @@ def _finished(
     plan = Plan(kind, tuple(rooms), tuple(opening for opening in openings if opening is not None), columns)
     for room in rooms:
         plan = with_openings(plan, windows(plan, room, rng))
-    shaped = tuple(_with_piers(room, plan.openings, rng, 0.25 if room.use != "corridor" else 0.15) for room in rooms)
-    return Plan(kind, shaped, plan.openings, plan.columns)
-
-
-def _row(
-    x0: float, x1: float, y0: float, depth: float, upward: bool, uses: Sequence[str], rng: np.random.Generator
-) -> list[Room]:
-    """Rooms side by side from x0 to x1, with their fronts on the line y0, going up or down from it."""
-    count = max(1, round((x1 - x0) / float(rng.uniform(3.2, 4.8))))
-    shares = rng.uniform(0.7, 1.4, count)
-    walls = (count - 1) * INNER_WALL_M
-    widths = shares / shares.sum() * (x1 - x0 - walls)
-    rooms, at = [], x0
-    for width in widths:
-        low, high = (y0, y0 + depth) if upward else (y0 - depth, y0)
-        far = (2, 3) if upward else (0, 1)
-        outline = _shaped(rectangle(at, low, at + width, high), rng, far, 0.45)
-        rooms.append(_room(str(rng.choice(uses)), outline, rng, _height(rng, 2.5, 3.0)))
-        at += width + INNER_WALL_M
-    return rooms
-
-
-def _doors(
-    rooms: list[Room], hub: int, members: Sequence[int], rng: np.random.Generator, glazed: float
-) -> list[Opening | None]:
-    """A door from each member room to the hub, and sometimes a glazed front beside it."""
-    found: list[Opening | None] = []
-    for member in members:
-        door = connect(rooms, member, hub, "door", float(rng.uniform(0.86, 1.05)), rng)
-        found.append(door)
-        if door is None or rng.uniform() > glazed:
-            continue
-        for start, end in rooms[member].edges():
-            spans = Plan("", (rooms[hub],), ()).shared(start, end)
-            placed = Plan("", (), (door,)).openings_of(start, end)
-            if not spans or not placed:
-                continue
-            along = (end - start) / np.hypot(*(end - start))
-            low, high = spans[0][0] + 0.25, spans[0][1] - 0.25
-            a, b = placed[0][:2]
-            first, last = max(((low, a - 0.15), (b + 0.15, high)), key=lambda gap: gap[1] - gap[0])
-            if last - first > 0.9:
-                top = min(rooms[member].height, rooms[hub].height) - 0.25
-                z0 = float(rng.choice([0.02, 0.9]))
-                found.append(Opening(start + along * first, start + along * last, z0, min(top, 2.4), "glazing"))
-    return found
+    with_piers = tuple(
+        _with_piers(room, plan.openings, rng, 0.25 if room.use != "corridor" else 0.15) for room in rooms
+    )
+    return Plan(kind, with_piers, plan.openings, plan.columns)
 
 
 def _corridor(rng: np.random.Generator) -> Plan:
     """A corridor with rooms on both sides, a branch and a widening at its end."""
     length, width = float(rng.uniform(19, 28)), float(rng.uniform(1.9, 2.9))
     up, down = float(rng.uniform(4.0, 5.6)), float(rng.uniform(3.6, 5.2))
-    height = _height(rng, 2.45, 2.9)
+    height = random_height(rng, 2.45, 2.9)
     at, branch = float(length * rng.uniform(0.3, 0.65)), float(rng.uniform(1.8, 2.6))
     w = INNER_WALL_M
     outline = np.array(
@@ -190,15 +93,15 @@ def _corridor(rng: np.random.Generator) -> Plan:
         ],
         np.float64,
     )
-    rooms = [_room("corridor", outline, rng, height)]
+    rooms = [room_of("corridor", outline, rng, height)]
     end_width = float(rng.uniform(4.5, 6.5))
-    end = _shaped(rectangle(length + w, -down * 0.6, length + w + end_width, width + up * 0.5), rng, (1, 2), 0.9)
-    rooms.append(_room(str(rng.choice(["lounge", "kitchen"])), end, rng, height + float(rng.uniform(0.0, 0.6))))
+    end = shaped(rectangle(length + w, -down * 0.6, length + w + end_width, width + up * 0.5), rng, (1, 2), 0.9)
+    rooms.append(room_of(str(rng.choice(["lounge", "kitchen"])), end, rng, height + float(rng.uniform(0.0, 0.6))))
     side = len(rooms)
-    rooms += _row(0.0, at - w, width + w, up - w, True, _SIDE_USES, rng)
-    rooms += _row(at + branch + w, length - 0.5, width + w, up - w, True, _SIDE_USES, rng)
-    rooms += _row(0.0, length - 0.5, -w, down, False, _SIDE_USES, rng)
-    openings = _doors(rooms, 0, range(side, len(rooms)), rng, 0.3)
+    rooms += row_of_rooms(0.0, at - w, width + w, up - w, True, _SIDE_USES, rng)
+    rooms += row_of_rooms(at + branch + w, length - 0.5, width + w, up - w, True, _SIDE_USES, rng)
+    rooms += row_of_rooms(0.0, length - 0.5, -w, down, False, _SIDE_USES, rng)
+    openings = doors_to(rooms, 0, range(side, len(rooms)), rng, 0.3)
     openings.append(connect(rooms, 1, 0, "passage", min(1.6, width - 0.4), rng, 2.3))
     return _finished("corridor", rooms, openings, rng)
 
@@ -207,15 +110,15 @@ def _hallway(rng: np.random.Generator) -> Plan:
     """A wide school hallway: windows on one side, rooms on the other, wider and lower parts."""
     length, width = float(rng.uniform(18, 25)), float(rng.uniform(3.2, 4.8))
     depth = float(rng.uniform(5.0, 6.5))
-    outline = _shaped(rectangle(0, 0, length, width), rng, (0, 1), 1.2)
+    outline = shaped(rectangle(0, 0, length, width), rng, (0, 1), 1.2)
     step = float(length * rng.uniform(0.35, 0.6))
     edge = int(np.argmin(np.abs(outline[:, 1] - width) + np.where(np.roll(outline[:, 1], -1) == width, 0.0, 9.0)))
     outline = bumped(outline, edge, length - step - 3.0, length - step, -0.0 + float(rng.uniform(0.5, 0.9)))
-    rooms = [_room("hallway", outline, rng, _height(rng, 2.9, 3.6))]
+    rooms = [room_of("hallway", outline, rng, random_height(rng, 2.9, 3.6))]
     w = INNER_WALL_M
-    rooms += _row(0.0, step, width + w, depth, True, ("classroom", "office", "storage"), rng)
-    rooms += _row(step + 3.0, length, width + w, depth, True, ("classroom", "lounge", "meeting"), rng)
-    openings = _doors(rooms, 0, range(1, len(rooms)), rng, 0.35)
+    rooms += row_of_rooms(0.0, step, width + w, depth, True, ("classroom", "office", "storage"), rng)
+    rooms += row_of_rooms(step + 3.0, length, width + w, depth, True, ("classroom", "lounge", "meeting"), rng)
+    openings = doors_to(rooms, 0, range(1, len(rooms)), rng, 0.35)
     return _finished("hallway", rooms, openings, rng)
 
 
@@ -238,18 +141,18 @@ def _columns(low: tuple[float, float], high: tuple[float, float], rng: np.random
 def _lobby(rng: np.random.Generator) -> Plan:
     """A lobby with columns and reception, a glazed front, rooms behind and a corridor off it."""
     length, depth = float(rng.uniform(13, 18)), float(rng.uniform(9, 12.5))
-    outline = _shaped(rectangle(0, 0, length, depth), rng, (0, 1), 1.2)
+    outline = shaped(rectangle(0, 0, length, depth), rng, (0, 1), 1.2)
     w = INNER_WALL_M
-    rooms = [_room("lobby", outline, rng, _height(rng, 3.3, 4.2))]
-    rooms += _row(
+    rooms = [room_of("lobby", outline, rng, random_height(rng, 3.3, 4.2))]
+    rooms += row_of_rooms(
         0.0, length, depth + w, float(rng.uniform(3.6, 5.0)), True, ("office", "meeting", "storage", "kitchen"), rng
     )
     behind = len(rooms)
     wide, y0 = float(rng.uniform(2.2, 3.2)), float(depth * rng.uniform(0.45, 0.6))
     rooms.append(
-        _room("corridor", rectangle(length + w, y0, length + w + float(rng.uniform(6, 9)), y0 + wide), rng, 2.7)
+        room_of("corridor", rectangle(length + w, y0, length + w + float(rng.uniform(6, 9)), y0 + wide), rng, 2.7)
     )
-    openings = _doors(rooms, 0, range(1, behind), rng, 0.4)
+    openings = doors_to(rooms, 0, range(1, behind), rng, 0.4)
     openings.append(connect(rooms, behind, 0, "passage", wide - 0.35, rng, 2.45))
     openings += _front(rooms[0], rng)
     return _finished("lobby", rooms, openings, rng, columns=_columns((0, 0), (length, depth), rng))
@@ -274,10 +177,10 @@ def _front(room: Room, rng: np.random.Generator) -> list[Opening | None]:
 def _open_plan(rng: np.random.Generator) -> Plan:
     """An open office floor with columns, meeting rooms behind glass on one side and a kitchen corner."""
     length, depth = float(rng.uniform(15, 22)), float(rng.uniform(9.5, 13))
-    outline = _shaped(rectangle(0, 0, length, depth), rng, (0, 1), 1.1)
+    outline = shaped(rectangle(0, 0, length, depth), rng, (0, 1), 1.1)
     w = INNER_WALL_M
-    rooms = [_room("open_plan", outline, rng, _height(rng, 2.7, 3.4))]
-    rooms += _row(
+    rooms = [room_of("open_plan", outline, rng, random_height(rng, 2.7, 3.4))]
+    rooms += row_of_rooms(
         0.0,
         length,
         depth + w,
@@ -289,9 +192,11 @@ def _open_plan(rng: np.random.Generator) -> Plan:
     side = len(rooms)
     wide, y0 = float(rng.uniform(3.0, 4.5)), float(depth * rng.uniform(0.3, 0.55))
     rooms.append(
-        _room(str(rng.choice(["lounge", "kitchen"])), rectangle(length + w, y0, length + w + wide, y0 + 4.0), rng, 2.7)
+        room_of(
+            str(rng.choice(["lounge", "kitchen"])), rectangle(length + w, y0, length + w + wide, y0 + 4.0), rng, 2.7
+        )
     )
-    openings = _doors(rooms, 0, range(1, side), rng, 0.75)
+    openings = doors_to(rooms, 0, range(1, side), rng, 0.75)
     openings.append(connect(rooms, side, 0, "passage", 1.8, rng, 2.4))
     return _finished("open_plan", rooms, openings, rng, columns=_columns((0, 0), (length, depth), rng))
 
@@ -309,21 +214,21 @@ def _suite(use: str, rng: np.random.Generator) -> Plan:
     low_x, high_x, low_y, high_y = sizes[use]
     width, depth = float(rng.uniform(low_x, high_x)), float(rng.uniform(low_y, high_y))
     w = INNER_WALL_M
-    main = _shaped(rectangle(0, 0, width, depth), rng, (2, 3), 1.25)
-    rooms = [_room(use, main, rng, _height(rng))]
+    main = shaped(rectangle(0, 0, width, depth), rng, (2, 3), 1.25)
+    rooms = [room_of(use, main, rng, random_height(rng))]
     beside = float(rng.uniform(2.6, 4.2))
     other = rectangle(width + w, 0, width + w + beside, float(depth * rng.uniform(0.75, 1.0)))
-    rooms.append(_room(str(rng.choice(_SIDE_USES)), _shaped(other, rng, (2,), 0.6), rng, _height(rng, 2.5, 2.9)))
+    rooms.append(room_of(str(rng.choice(_SIDE_USES)), shaped(other, rng, (2,), 0.6), rng, random_height(rng, 2.5, 2.9)))
     wide = float(rng.uniform(1.5, 2.3))
     rooms.append(
-        _room(
+        room_of(
             "corridor",
             rectangle(-float(rng.uniform(0.5, 2.0)), -w - wide, width + w + beside, -w),
             rng,
-            _height(rng, 2.4, 2.7),
+            random_height(rng, 2.4, 2.7),
         )
     )
-    openings: list[Opening | None] = _doors(rooms, 2, (0, 1), rng, 0.35)
+    openings: list[Opening | None] = doors_to(rooms, 2, (0, 1), rng, 0.35)
     if rng.uniform() < 0.5:
         openings.append(connect(rooms, 0, 1, str(rng.choice(["door", "passage"])), 0.95, rng))
     return _finished(use, rooms, openings, rng)

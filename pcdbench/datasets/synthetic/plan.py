@@ -136,8 +136,8 @@ class Plan:
     def _walls(self) -> tuple[list[Room], Floats, Floats]:
         """The room, the start and the end of every wall segment."""
         walls = [(room, start, end) for room in self.rooms for start, end in room.edges()]
-        rooms, starts, ends = zip(*walls, strict=True)
-        return list(rooms), np.array(starts), np.array(ends)
+        ends = np.array([wall[1:] for wall in walls]).reshape(-1, 2, 2)
+        return [wall[0] for wall in walls], ends[:, 0], ends[:, 1]
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> Floats:

@@ -217,10 +217,7 @@ def tube(
     Its circles are turned by the one of seven directions that the path keeps furthest from: no twist, no pinch.
     """
     points = np.asarray(path, np.float64)
-    if closed:
-        tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0)
-    else:
-        tangents = np.gradient(points, axis=0)
+    tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0) if closed else np.gradient(points, axis=0)
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
     # Rounded, so that a tie is broken alike on every machine.
     closeness = np.round(np.abs(_DIRECTIONS @ tangents.T).max(axis=1), 6)
