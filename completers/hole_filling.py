@@ -15,7 +15,7 @@ from .local_surface import surface_spacing, unoriented_normals
 from .triangulation import hole_triangles
 
 MAX_MESH_POINTS = 60_000
-CANDIDATES_PER_POINT = 8
+CANDIDATES_PER_POINT = 5
 MAX_CANDIDATES = 500_000
 FEWEST_POINTS = 20
 # Random sequential packing covers 0.547 of a surface with disks of this diameter: one point per spacing squared.

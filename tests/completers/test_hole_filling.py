@@ -23,7 +23,7 @@ def test_a_hole_in_a_sphere_is_filled_with_points_on_the_sphere(hole_m):
     new = result.points[len(cut) :]
     # A flat lid lies hole_m**2 / 2 below the sphere at its middle: at most a fifth of that is left, plus the mesh's.
     assert np.abs(np.linalg.norm(new, axis=1) - 1.0).max() < hole_m**2 / 10 + 0.002
-    assert len(new) == pytest.approx(len(ball) - len(cut), rel=0.25)
+    assert len(new) == pytest.approx(len(ball) - len(cut), rel=0.2)
     assert chamfer(result, ball) < 0.05 * chamfer(cut, ball)
 
 
@@ -47,7 +47,8 @@ def test_holes_of_a_box_room_are_closed(centers, left):
     cut = far_from(room, centers, 0.8)
     result = completed(cut)
     assert chamfer(result, room) < left * chamfer(cut, room)
-    assert len(result) - len(cut) == pytest.approx(len(room) - len(cut), rel=0.4)
+    missing = len(room) - len(cut)
+    assert 0.5 * missing < len(result) - len(cut) < 1.1 * missing
 
 
 def test_a_whole_room_is_left_alone():
