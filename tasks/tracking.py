@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+FIRMNESS_RAYS = 300
+FIRMNESS_EVERY = 3  # views are judged every so many steps: neighbouring ones show the same
+
 
 class Tracking(Task):
     """Registers each live scan of a walk to what the completed cloud shows from the pose estimated before.
@@ -41,6 +44,9 @@ class Tracking(Task):
         constant_velocity: bool = Field(False, description="guess that the last motion goes on, not that it stopped")
         gate_m: float = Field(0.3, gt=0, description="a registration farther than this from its guess is not believed")
         gate_deg: float = Field(15.0, gt=0, description="the same for the angle, degrees")
+        walks: int = Field(
+            8, ge=1, description="walks drawn; the one taken is that whose views pin the device best in the true scene"
+        )
         steps: int = Field(30, ge=1, description="steps of the walk after the first pose, which is known")
         step_m: float = Field(0.06, gt=0, description="length of a step")
         turn_deg: float = Field(2.0, ge=0, description="most that the heading changes in a step")
@@ -104,7 +110,18 @@ class Tracking(Task):
         }
 
     def _true_poses(self, place: ScannedScene, rng: np.random.Generator) -> Pose:
-        """(steps + 1, 4, 4) poses of a device carried along a walk, facing where it goes but turning slowly."""
+        """(steps + 1, 4, 4) poses of a device carried along a walk, of several drawn the best to track.
+
+        A view that could slide along what it shows (one bare wall, the open end of the scanned part) loses the
+        device in the truth itself, and says nothing about completion.
+        """
+        directions = random_directions(FIRMNESS_RAYS, *self.options.fov_deg, rng)
+        walks = [self._walk_poses(place, rng) for _ in range(self.options.walks)]
+        firmest = [place.firmness(walk[::FIRMNESS_EVERY], directions, self.options.max_range_m).min() for walk in walks]
+        return walks[int(np.argmax(firmest))]
+
+    def _walk_poses(self, place: ScannedScene, rng: np.random.Generator) -> Pose:
+        """(steps + 1, 4, 4) poses along one random walk, facing where it goes but turning slowly."""
         count, step_m = self.options.steps + 1, self.options.step_m
         walk = place.free.walk(count * step_m, step_m, rng)
         while len(walk) < count:

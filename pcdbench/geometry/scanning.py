@@ -72,8 +72,32 @@ class ScannedScene:
             noise_m: standard deviation of a range.
         """
         points = cast_scan(self.raycaster, T_scene_sensor, directions, max_range_m, noise_m, rng)
-        placed = transform(T_scene_sensor, points)
-        return points[((placed >= self.lower) & (placed <= self.upper)).all(axis=1)]
+        return points[self.holds(transform(T_scene_sensor, points))]
+
+    def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(N,) mask of the (N, 3) points within the bounds."""
+        return ((points >= self.lower) & (points <= self.upper)).all(axis=1)
+
+    def firmness(
+        self, T_scene_sensor: Pose, directions: NDArray[np.float64], max_range_m: float
+    ) -> NDArray[np.float64]:
+        """(N,) how firmly scans from N poses (N, 4, 4) pin them: 0 where a pose could slide and nobody would see.
+
+        The smallest eigenvalue of the mean of n n^T over all rays, with n the normal of the surface that a ray
+        meets within range and bounds, and 0 where it meets none: the stiffness of point-to-plane registration in
+        its weakest direction (Gelfand et al. 2003), translations alone.
+
+        Args:
+            directions: (R, 3) unit vectors in the sensor's frame.
+        """
+        rays = np.einsum("nij,rj->nri", T_scene_sensor[:, :3, :3], directions)
+        origins = np.repeat(T_scene_sensor[:, :3, 3], len(directions), axis=0)
+        hits = self.raycaster.cast(origins, rays.reshape(-1, 3))
+        met = hits.range_m <= max_range_m
+        points = origins + np.where(met, hits.range_m, 0.0)[:, None] * rays.reshape(-1, 3)
+        met &= self.holds(points)
+        normals = np.where(met[:, None], hits.normals, 0.0).reshape(*rays.shape)
+        return np.linalg.eigvalsh(np.einsum("nri,nrj->nij", normals, normals) / len(directions))[:, 0]
 
 
 def _obstacles(
