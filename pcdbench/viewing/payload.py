@@ -18,6 +18,7 @@ COLORMAPS = {"height": "viridis", "distance": "plasma"}
 _STEPS = 65535
 _SMALLEST_SPAN_M = 1e-3
 _CELLS = 80
+_DARKEST = 0.15
 _FRAMED_QUANTILES = (0.002, 0.998)
 
 
@@ -101,10 +102,10 @@ def _distance_max_m(shown: Sequence[Shown]) -> float:
 
 
 def _map(name: str) -> NDArray[np.uint8]:
-    """(256, 3) the colours of one of matplotlib's maps."""
+    """(256, 3) the colours of one of matplotlib's maps, without its darkest: they would not stand out at night."""
     from matplotlib import colormaps
 
-    return np.rint(np.asarray(colormaps[name](np.arange(256)))[:, :3] * 255).astype(np.uint8)
+    return np.rint(np.asarray(colormaps[name](np.linspace(_DARKEST, 1, 256)))[:, :3] * 255).astype(np.uint8)
 
 
 def _base64(array: NDArray[Any]) -> str:

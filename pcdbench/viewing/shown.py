@@ -18,7 +18,7 @@ _CORE_QUANTILES = (0.001, 0.999)
 _LOWEST_CEILING_M = 1.8
 _PLAN_CELL_M = 0.25
 _LEVEL_M = 0.1
-_CEILING_SHARE_OF_PLAN = 0.35
+_CEILING_SHARE_OF_PLAN = 0.25
 
 
 @dataclass(frozen=True)
@@ -103,21 +103,22 @@ def missing_in(completed: PointCloud, observed: PointCloud) -> NDArray[np.bool_]
 def ceiling_cut_m(points: NDArray[np.float64]) -> float | None:
     """The height (metres, as in `points`) just below the ceiling, None where there is none.
 
-    A ceiling is the highest level in the upper third at which a third of the floor plan has points: the plan,
-    and not the number of points, because scanners see ceilings more thinly than desks.
+    A ceiling is a level in the upper third at which a quarter more of the floor plan has points than at most levels
+    there, which only walls reach; of several (a lowered one, say) the lowest. The plan counts and not the number
+    of points, because scanners see ceilings more thinly than desks.
     """
     low, high = np.quantile(points, _CORE_QUANTILES, axis=0)
     if high[2] - low[2] < _LOWEST_CEILING_M:
         return None
     _, cell = np.unique(cell_numbers(points[:, :2], _PLAN_CELL_M), return_inverse=True)
     level = np.floor((points[:, 2] - low[2]) / _LEVEL_M).astype(np.int64)
-    wanted = _CEILING_SHARE_OF_PLAN * (cell.max() + 1)
-    upper = int(np.ceil((high[2] - low[2]) * 2 / 3 / _LEVEL_M))
-    for bottom in range(int((high[2] - low[2]) / _LEVEL_M), upper - 1, -1):
-        # Two neighbouring levels count as one, because a ceiling may lie on the border between them.
-        if len(np.unique(cell[(level == bottom) | (level == bottom + 1)])) >= wanted:
-            return float(low[2] + (bottom - 0.5) * _LEVEL_M)
-    return None
+    first, last = (int((high[2] - low[2]) * share / _LEVEL_M) for share in (2 / 3, 1))
+    # Two neighbouring levels count as one, because a ceiling may lie on the border between them.
+    shares = np.array(
+        [len(np.unique(cell[(level == its) | (level == its + 1)])) / (cell.max() + 1) for its in range(first, last + 1)]
+    )
+    found = np.flatnonzero(shares >= np.median(shares) + _CEILING_SHARE_OF_PLAN)
+    return float(low[2] + (first + found[0] - 0.5) * _LEVEL_M) if len(found) else None
 
 
 def cell_numbers(coordinates: NDArray[np.float64], edge_m: float) -> NDArray[np.int64]:
