@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pcdbench.cloud import PointCloud
     from pcdbench.completer import Completer, ReferenceCompleter
     from pcdbench.completion import Completed, complete
-    from pcdbench.dataset import Dataset
+    from pcdbench.dataset import Dataset, Finding
     from pcdbench.incompleteness import Incompleteness
     from pcdbench.leaderboard.results import read_figures, read_results
     from pcdbench.options import Options
@@ -32,6 +32,7 @@ _MODULE_OF_NAME = {
     "Completed": "completion",
     "Completer": "completer",
     "Dataset": "dataset",
+    "Finding": "dataset",
     "Incompleteness": "incompleteness",
     "Measurements": "task",
     "Metric": "task",
@@ -58,6 +59,7 @@ __all__ = [
     "Completed",
     "Completer",
     "Dataset",
+    "Finding",
     "Incompleteness",
     "Measurements",
     "Metric",

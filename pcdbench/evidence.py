@@ -6,15 +6,16 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import Skipped
-from pcdbench.geometry.neighbors import nearest
 from pcdbench.geometry.scanning import MOST_SURFELS, scanned
 from pcdbench.geometry.surfels import SurfelCloud
 from pcdbench.geometry.visibility import MeshRaycaster
 from pcdbench.scene import Scene
+from pcdbench.threads import thread_count
 
 MOST_VIEWPOINTS = 16
 # Nearer to the complete scan than this, a point is judged by it, seen through or not.
@@ -33,26 +34,30 @@ class SeenSpace:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._points = scene.dense.points
+        points = scene.dense.points
+        self._center = points.mean(axis=0)
+        self._tree = cKDTree(points - self._center)
         self._raycaster: MeshRaycaster
         try:
             place = scanned(scene)
             self._raycaster, tolerance_m, standing = place.raycaster, place.tolerance_m, place.at(place.free.centers)
         except Skipped:
             # Nowhere to stand: a scan of a shelf, say. Then the middle of what was seen is as good as any place.
-            surfels = SurfelCloud(self._points[:: -(-len(self._points) // MOST_SURFELS)])
+            surfels = SurfelCloud(points[:: -(-len(points) // MOST_SURFELS)])
             self._raycaster, tolerance_m, standing = (
                 surfels.raycaster,
                 surfels.tolerance_m,
-                np.median(self._points, axis=0)[None],
+                np.median(points, axis=0)[None],
             )
         self._near_m = max(NEAR_M, tolerance_m)
         self.viewpoints = _spread(standing if scene.viewpoints is None else scene.viewpoints)
 
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) mask of the (N, 3) points, metres, that lie where the scan saw what is there."""
-        distances, _ = nearest(points, self._points)
-        seen = distances <= self._near_m
+        distances, _ = self._tree.query(
+            points - self._center, distance_upper_bound=self._near_m, workers=thread_count()
+        )
+        seen = np.isfinite(distances)
         for viewpoint in self.viewpoints:
             open_ = np.flatnonzero(~seen)
             rays = points[open_] - viewpoint

@@ -423,14 +423,14 @@ REAL = Path(os.environ.get("PCDBENCH_REAL_DATA", Path(__file__).parents[3] / "sh
 
 @pytest.mark.skipif(not (REAL / "redkitchen/rgbd").is_dir(), reason="no real scans; PCDBENCH_REAL_DATA names the place")
 def test_the_kitchen_agrees_with_its_reference_fusion():
-    """7-Scenes redkitchen, every third of its hundred frames, against the cloud that others fused from 200."""
+    """7-Scenes redkitchen, every fifth of its hundred frames, against the cloud that others fused from 200."""
     full = PointCloud.read(REAL / "redkitchen/clouds/full.ply").points
-    scene = opened(REAL / "redkitchen/rgbd", every=3, voxel_m=0.0125, min_weight=1.0).scene("rgbd")
+    scene = opened(REAL / "redkitchen/rgbd", every=5, voxel_m=0.0125, min_weight=1.0).scene("rgbd")
     distances, _ = nearest(scene.dense.points, full)
     assert np.median(distances[distances < 0.1]) < 0.01 and (distances < 0.1).mean() > 0.95
     distances, _ = nearest(full, scene.dense.points)
-    assert np.median(distances[distances < 0.1]) < 0.01 and (distances < 0.1).mean() > 0.9
-    found = opened(REAL / "redkitchen/rgbd", every=3, voxel_m=0.0125, min_weight=1.0)
+    assert np.median(distances[distances < 0.1]) < 0.01 and (distances < 0.1).mean() > 0.85
+    found = opened(REAL / "redkitchen/rgbd", every=5, voxel_m=0.0125, min_weight=1.0)
     sequence = found._sequence("rgbd")
     fused = found._fused("rgbd", None)
     up = up_direction(fused.normals, -fused.T_world_depth[:, :3, 1].mean(axis=0))
