@@ -9,7 +9,7 @@ from browser_for_tests import found_in, run_chromium
 
 import pcdbench
 from pcdbench import PointCloud
-from pcdbench.viewing.page import View
+from pcdbench.viewing.page import View, viewer_assets, viewer_element
 
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.1, 0.8)
 
@@ -137,3 +137,21 @@ def test_the_page_draws_as_it_is_under_its_policy(view: View, tmp_path: Path) ->
     pixels = matplotlib.image.imread(picture)[..., :3]
     red = (pixels[..., 0] > 0.5) & (pixels[..., 1:] < 0.3).all(axis=2)
     assert red.sum() > 5000, "the floor is seen"
+
+
+def test_viewers_of_one_page_do_not_disturb_each_other(view: View, tmp_path: Path) -> None:
+    parts = [viewer_assets(), *(viewer_element(view.shown, title) for title in ("one", "two"))]
+    policy = '<meta http-equiv="Content-Security-Policy" content="">'
+    found = found_in(
+        f"<!DOCTYPE html><html><head>{policy}</head><body>{''.join(parts)}</body></html>",
+        """
+        const before = sums();
+        choose("height");
+        press(canvases()[0], "ArrowLeft");
+        return { before, after: sums() };
+        """,
+        tmp_path,
+    )
+    before, after = found["before"], found["after"]
+    assert len(before) == 4 and before[:2] == before[2:]
+    assert after[2:] == before[2:] and after[0] != before[0] and after[1] != before[1]
