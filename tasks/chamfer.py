@@ -9,8 +9,8 @@ from pcdbench import options
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import PcdbenchError, Skipped
-from pcdbench.evidence import judged
 from pcdbench.geometry.chamfer import CloudDistances
+from pcdbench.seen_space import judged
 from pcdbench.task import Measurements, Metric, Task
 
 NORMALIZED = "normalised, squared, both ways summed"

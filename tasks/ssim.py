@@ -9,9 +9,9 @@ from pcdbench import options
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import Skipped
-from pcdbench.evidence import judged
 from pcdbench.geometry.projection import six_face_similarity
 from pcdbench.geometry.voxels import VoxelGrid, edge_from_density, voxelize
+from pcdbench.seen_space import judged
 from pcdbench.task import Measurements, Metric, Task
 
 

@@ -16,12 +16,12 @@ from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.errors import CloudError, PcdbenchError, Skipped
-from pcdbench.evidence import MOST_VIEWPOINTS, SeenSpace, judged
 from pcdbench.geometry.freespace import points_on_triangles
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.incompletenesses.real_pair import RealPair
 from pcdbench.runner.plan import Request, plan
 from pcdbench.scene import Scene
+from pcdbench.seen_space import MOST_VIEWPOINTS, SeenSpace, judged
 
 REAL = Path(os.environ.get("PCDBENCH_REAL_DATA", Path(__file__).parents[3] / "shared/data/real"))
 RNG = np.random.default_rng
