@@ -20,6 +20,7 @@ from pcdbench.completion.tile_work import AGREES_WITHIN, FEWEST_POINTS, TileResu
 from pcdbench.completion.tiles import Index, Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError, PcdbenchError
+from pcdbench.formats.columns import needs_double
 
 if TYPE_CHECKING:
     from pcdbench.runner.selection import Plugin
@@ -164,7 +165,7 @@ def _assembled(
         spacings.append(result.spacing_m[kept])
         if result.colors is not None:
             colors.append(result.colors[kept])
-    new_points = tiling.frame.back(np.concatenate([np.empty((0, 3)), *parts.values()]))
+    new_points = _as_coarse(tiling.frame.back(np.concatenate([np.empty((0, 3)), *parts.values()])), cloud.points)
     count = len(new_points)
     points = np.concatenate([cloud.points, new_points])
     points.flags.writeable = False
@@ -186,6 +187,13 @@ def _assembled(
         tiles=len(results) + len(failures),
         failures=failures,
     )
+
+
+def _as_coarse(new: NDArray[np.float64], observed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Added points on a grid of 0.1 mm, and in single precision where the observed points are: files stay small."""
+    new = np.round(new, 4)
+    is_single = not needs_double(observed, exact=True) and not needs_double(new)
+    return new.astype(np.float32).astype(np.float64) if is_single else new
 
 
 def _off_seams(

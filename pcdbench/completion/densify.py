@@ -12,6 +12,8 @@ from pcdbench.threads import thread_count
 
 MOST_ROUNDS = 8
 FEWEST_NEW = 0.03
+# Of the points that the proposed surface has room for at the density wanted.
+ENOUGH = 0.97
 # Radius of the disks, in spacings of the proposed points: nine in ten places among random ones are on one.
 DISK = 0.8
 # Where the proposed points are nearly as dense as they shall be, they are only thinned.
@@ -30,8 +32,8 @@ def at_density(
     """(M, 3) points on the proposed surface, no nearer to an observed point than to each other, and (M,) their spacing.
 
     Dart throwing, first at the proposed points themselves, then, in rounds, at random places on disks around them
-    in their planes; until a round adds little. Points of different density are thrown class by class, the widest
-    spacing first.
+    in their planes; until there are as many as the surface has room for, or a round adds little. Points of
+    different density are thrown class by class, the widest spacing first.
 
     Args:
         proposed: (K, 3) metres, near the origin.
@@ -60,7 +62,7 @@ def at_density(
             kept = apart_indices(both, radius, rng, fixed=len(taken))
             new = len(kept) - len(taken)
             taken = both[kept]
-            if not len(sparse) or new < FEWEST_NEW * (len(taken) - before):
+            if new < FEWEST_NEW * (len(taken) - before) or len(taken) - before >= ENOUGH * wanted:
                 break
             source = rng.choice(sparse, int(1.5 * wanted) + 8)
             reach = DISK * proposed_spacing_m[source] * np.sqrt(rng.random(len(source)))

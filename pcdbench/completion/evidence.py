@@ -46,6 +46,8 @@ def evidence(
         spacing_m: of the observed points.
         rng: decides which observed points stand for their surroundings.
     """
+    if not len(proposed):
+        return np.empty((0, 3))
     tree = cKDTree(observed)
     distances, index = tree.query(proposed, k=min(NEAREST, len(observed)), workers=thread_count())
     distances, index = distances.reshape(len(proposed), -1), index.reshape(len(proposed), -1)

@@ -15,7 +15,7 @@ from pcdbench.completion.completed import Completed
 from pcdbench.completion.confidence import FACTORS
 
 DOUBTFUL = 0.4
-SMALLEST_M2 = 0.25
+SMALLEST_M2 = 0.5
 CELL_M = 0.3
 _REASON_OF_FACTOR = {
     "distance": "added far from anything observed",
@@ -57,7 +57,7 @@ class Region:
 
 
 def regions_to_scan(completed: Completed) -> list[Region]:
-    """Clusters of added points below a confidence of 0.4, and of rims of open gaps, of 0.25 m2 and more, largest first.
+    """Clusters of added points below a confidence of 0.4, and of rims of open gaps, of 0.5 m2 and more, largest first.
 
     Points belong together where the cubes of 0.3 m that they fill touch.
     """

@@ -35,7 +35,7 @@ def write_report(completed: Completed, folder: Path, source: str, completer: str
         facts = _facts(completed, source, completer) | {"regions": [region.as_json() for region in regions]}
         (folder / "report.json").write_text(json.dumps(facts, indent=2) + "\n")
         (folder / "report.md").write_text(_page(completed, regions, source, completer))
-        _write_plan(completed, regions[:MOST_LISTED], folder / "report.png", f"{source}, {completer}")
+        _write_plan(completed, regions, folder / "report.png", f"{source}, {completer}")
     except OSError as error:
         raise PcdbenchError(
             f"{folder}: the report cannot be written: {error.strerror}; choose another folder"
@@ -108,7 +108,7 @@ def _write_plan(completed: Completed, regions: list[Region], path: Path, title: 
     axes = figure.subplots()
     # Offsets of map coordinates would make the axes unreadable.
     axes.imshow(picture, extent=(0, width, 0, height), interpolation="antialiased", origin="lower")
-    for region in regions:
+    for region in regions[:MOST_LISTED]:
         corner, size = np.array(region.low_m[:2]) - low, np.maximum(np.array(region.size_m[:2]), 0.15)
         axes.add_patch(Rectangle(tuple(corner), *size, fill=False, edgecolor="black", linewidth=1.2))
         axes.text(
@@ -121,7 +121,8 @@ def _write_plan(completed: Completed, regions: list[Region], path: Path, title: 
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "black", "linewidth": 0},
             clip_on=False,
         )
-    axes.set_title(f"{title}: {len(regions)} regions to scan again")
+    marked = f", the largest {MOST_LISTED} marked" if len(regions) > MOST_LISTED else ""
+    axes.set_title(f"{title}: {len(regions)} regions to scan again{marked}")
     axes.set_xlabel(f"metres along x from {low[0]:.2f}")
     axes.set_ylabel(f"metres along y from {low[1]:.2f}")
     color_bar = figure.colorbar(_confidence_scale(), ax=axes, shrink=0.6)

@@ -110,7 +110,8 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
     normals, _ = local_planes(union)
     count = len(working)
     full_spacing = spacing_inside(working.points, tree, everything)
-    own = (np.abs(union) < task.half_m).all(axis=1)
+    # The lowest points of a cloud lie on the sides of their tiles.
+    own = (np.abs(union) <= task.half_m + 1e-6).all(axis=1)
     gaps_m2 = np.where(own, gap_areas(union, normals, spacing_at(union, cKDTree(union))), 0.0)
     rim = np.flatnonzero(gaps_m2)
     nearest = _nearest(tree, new.points, 8)
@@ -184,8 +185,9 @@ def _new_points(
 
 def _nearest(tree: cKDTree, places: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     """(M, k) rows of the points nearest to (M, 3) places; k is `count`, or all there are."""
-    _, index = tree.query(places, k=min(count, tree.n), workers=thread_count())
-    rows: NDArray[np.int64] = index.reshape(len(places), -1)
+    k = min(count, tree.n)
+    _, index = tree.query(places, k=k, workers=thread_count())
+    rows: NDArray[np.int64] = index.reshape(len(places), k)
     return rows
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,12 +113,12 @@ class Tiling:
         Places outside of all tiles belong to the first of the tiles around them, and to none where that is another.
         """
         indices = np.floor((places - self.origin) / self.edges_m).astype(np.int64)
-        own: NDArray[np.bool_] = (indices == tile).all(axis=1)
+        own: NDArray[Any] = (indices == tile).all(axis=1)
         for index in np.unique(indices[~own], axis=0).tolist():
             place: Index = (index[0], index[1], index[2])
             if place not in self._span_of_tile and self.neighbors(place)[:1] == [tile]:
-                own = np.logical_or(own, (indices == index).all(axis=1))
-        return own
+                own |= (indices == index).all(axis=1)
+        return np.asarray(own, np.bool_)
 
     def covers(self, tile: Index, places: NDArray[np.float64], margin_m: float = 0.0) -> NDArray[np.bool_]:
         """(M,) which of the upright (M, 3) places lie in a tile's window, at least `margin_m` from its sides."""

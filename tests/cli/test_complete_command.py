@@ -1,0 +1,131 @@
+"""`pcdbench complete` as a user runs it: every format, exactly what was observed, and one line for each mistake."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pcdbench.cli import app
+from pcdbench.cloud import PointCloud
+from pcdbench.formats import EXTENSIONS, read_fields
+
+OFFSET = np.array([1_000_000.0, 2_000_000.0, 100.0])
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    """A function that runs `pcdbench complete` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments, code=0):
+        monkeypatch.setattr(sys, "argv", ["pcdbench", "complete", *map(str, arguments)])
+        ended = CliRunner().invoke(app, ["complete", *map(str, arguments)])
+        assert ended.exit_code == code, (ended.stderr, ended.exception)
+        return ended.stderr
+
+    return command
+
+
+def floor(color=True, offset=OFFSET):
+    """A floor of 5 x 5 m, 7.5 cm spacing, with a hole of 0.7 m radius, on a grid of a tenth of a millimetre."""
+    rng = np.random.default_rng(0)
+    points = rng.random((4400, 3)) * [5, 5, 0]
+    points = np.round(points[np.linalg.norm(points - [2.5, 2.5, 0], axis=1) > 0.7] + offset, 4)
+    colors = np.float32(rng.integers(0, 256, points.shape) / np.float32(255)) if color else None
+    return PointCloud(points, colors)
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_every_format_keeps_what_was_observed_and_marks_what_was_added(run, extension):
+    path = Path(f"scan{extension}")
+    floor().write(path)
+    scan = PointCloud.read(path)
+    said = run(path, "-o", f"out{extension}", "--completer", "plane_fitting")
+    done = PointCloud.read(f"out{extension}")
+    count = len(scan)
+    assert len(done) - count > 100
+    if extension == ".e57":
+        np.testing.assert_allclose(done.points[:count], scan.points, atol=1e-6)
+        assert "pcdbench: .e57 cannot mark points: the last" in said
+    else:
+        if extension in (".las", ".laz"):
+            # Whole steps from another offset: equal to the last digit of a double.
+            np.testing.assert_allclose(done.points[:count], scan.points, rtol=0, atol=1e-9)
+        else:
+            np.testing.assert_array_equal(done.points[:count], scan.points)
+        fields = read_fields(Path(f"out{extension}"))
+        np.testing.assert_array_equal(fields["added"], np.arange(len(done)) >= count)
+        assert (fields["confidence"][:count] == 1).all() and fields["confidence"].min() >= 0
+        assert (fields["confidence"][count:] < 1).any() and "cannot mark" not in said
+    np.testing.assert_array_equal(done.colors[:count], scan.colors)
+    middle = done.points[count:] - OFFSET - [2.5, 2.5, 0]
+    assert (np.linalg.norm(middle, axis=1) < 0.75).mean() > 0.9
+
+
+def test_formats_mix_and_single_precision_stays(run):
+    scan = floor(color=False, offset=np.zeros(3))
+    PointCloud(scan.points.astype(np.float32)).write("scan.pcd")
+    run("scan.pcd", "-o", "new/out.ply", "--completer", "plane_fitting")
+    header = Path("new/out.ply").read_bytes()[:300]
+    assert b"property float x" in header and b"property uchar added" in header and b"red" not in header
+    done = PointCloud.read("new/out.ply")
+    np.testing.assert_array_equal(done.points[: len(scan)], PointCloud.read("scan.pcd").points)
+
+
+def test_added_only_report_options_and_axes(run):
+    scan = floor()
+    turned = PointCloud((scan.points - OFFSET)[:, [1, 2, 0]], scan.colors)
+    turned.write("scan.npz")
+    said = run(
+        *("scan.npz", "-o", "added.ply", "--completer", "plane_fitting", "--up", "y", "--added-only"),
+        *(
+            "--report",
+            "again",
+            "--option",
+            "plane_fitting.min_points=50",
+            "--tile-m",
+            "8",
+            "--seed",
+            "3",
+            "--runs",
+            "2",
+        ),
+    )
+    added = PointCloud.read("added.ply")
+    assert 100 < len(added) < 1000 and (np.abs(added.points[:, 1]) < 0.05).all()
+    assert (read_fields(Path("added.ply"))["added"] == 1).all()
+    assert "again/report.md: " in said and f"added.ply: {len(scan):,} points observed, {len(added):,} added" in said
+    assert "100 % of" in said
+    assert json.loads(Path("again/report.json").read_text())["added_points"] == len(added)
+
+
+def test_mistakes_are_one_line(run):
+    floor(offset=np.zeros(3)).write("scan.ply")
+    PointCloud(np.random.default_rng(0).random((20, 3))).write("few.ply")
+    plane = ("--completer", "plane_fitting")
+    for arguments, message in (
+        (("missing.ply", "-o", "out.ply", *plane), "missing.ply: there is no such file"),
+        (("scan.ply", "-o", "out.ply", "--completer", "plane_fiting"), "did you mean plane_fitting"),
+        (("scan.ply", "-o", "out.docx", *plane), "out.docx: .docx is not a format; use one of .ply"),
+        (("scan.ply", "-o", "scan.ply", *plane), "scan.ply is the scan itself"),
+        (("scan.ply", "-o", "./scan.ply", *plane), "scan.ply is the scan itself"),
+        (("few.ply", "-o", "out.ply", *plane), "the cloud has 20 points; at least 50"),
+        (("scan.ply", "-o", "out.ply", *plane, "--up", "north"), "up axis 'north' is none of"),
+        (("scan.ply", "-o", "out.ply", *plane, "--option", "plane_fitting.distanc_m=1"), "did you mean distance_m?"),
+        (("scan.ply", "-o", "out.ply", *plane, "--option", "hole_filling.link=3"), "'hole_filling' is not in this run"),
+        (("scan.ply", "-o", "out.ply", "--completer", "incomplete"), "a reference to measure against"),
+    ):
+        said = run(*arguments, code=2)
+        assert message in said and said.count("\n") == 1 and said.startswith("pcdbench: "), said
+    assert not Path("out.ply").exists()
+
+
+def test_units_are_asked_for(run):
+    scan = floor(color=False, offset=np.zeros(3))
+    PointCloud(scan.points * 1000).write("mm.ply")
+    said = run("mm.ply", "-o", "out.ply", "--completer", "plane_fitting")
+    assert "pcdbench: the longest side is 5,00" in said or "pcdbench: the longest side is 4,99" in said
+    assert "millimetres?" in said

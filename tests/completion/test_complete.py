@@ -1,0 +1,279 @@
+"""`pcdbench.complete`: observed points are kept, added ones are where nothing was observed, as dense as around."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from completion_cases import Floor, Nothing, hall, without
+from scipy.spatial import cKDTree
+
+import pcdbench
+from pcdbench import Completer, PcdbenchError, PointCloud
+from pcdbench.completion import CompletionWarning
+from pcdbench.completion.frames import UPS, Frame
+from pcdbench.completion.tiles import Tiling
+from pcdbench.completion.workers import tile_outcomes
+from pcdbench.errors import CloudError
+
+HOLE, RADIUS_M = (5.0, 4.0, 0.0), 1.0
+
+
+def in_hole(points, radius_m=RADIUS_M, center=HOLE):
+    return np.linalg.norm(points - np.array(center), axis=1) <= radius_m
+
+
+@pytest.mark.parametrize("completer", ["plane_fitting", "hole_filling", Floor()])
+def test_holes_are_filled_and_nothing_else_changes(completer):
+    scan = without(hall(), HOLE, RADIUS_M)
+    done = pcdbench.complete(scan, completer)
+    count = len(scan)
+    np.testing.assert_array_equal(done.cloud.points[:count], scan.points)
+    np.testing.assert_array_equal(done.cloud.colors[:count], scan.colors)
+    assert not done.added[:count].any() and done.added[count:].all() and (done.confidence[:count] == 1).all()
+    added = done.added_cloud.points
+    filled = in_hole(added)
+    # The hole's area is 3.14 m2, so many points of spacing 8 cm; the rim takes some.
+    assert 0.6 * 490 < filled.sum() < 1.1 * 490
+    assert np.abs(added[filled, 2]).max() < 0.03
+    gap, _ = cKDTree(scan.points).query(added)
+    assert gap.min() > 0.4 * 0.08
+    assert done.confidence[done.added].min() >= 0 and done.confidence.max() <= 1 and not done.failures
+
+
+@pytest.mark.parametrize(("spacing_m", "even"), [(0.08, True), (0.03, True), (0.015, False)])
+def test_added_points_are_as_dense_as_the_observed_around(spacing_m, even):
+    scan = without(hall(spacing_m, (6.0, 5.0), color=False, even=even), (3, 2.5, 0), 0.9)
+    done = pcdbench.complete(scan, Floor())
+    added = done.added_cloud.points
+    area = np.pi * 0.7**2
+    density = in_hole(added, 0.7, (3, 2.5, 0)).sum() / area
+    assert 0.75 / spacing_m**2 < density < 1.2 / spacing_m**2
+    assert np.median(done.spacing_m) == pytest.approx(spacing_m, rel=0.15)
+    outside = ~in_hole(added, 1.0, (3, 2.5, 0))
+    assert outside.sum() < 0.01 * len(scan), "what the completer made anew where points were is not added"
+
+
+def test_density_follows_the_scan_from_dense_to_sparse():
+    dense = hall(0.02, (5.0, 4.0), color=False)
+    sparse = hall(0.06, (5.0, 4.0), color=False, seed=1)
+    scan = PointCloud(np.concatenate([dense.points, sparse.points[:, :] * [-1, 1, 1] - [0.02, 0, 0]]))
+    for x in (-2.5, 2.5):
+        scan = without(scan, (x, 2, 0), 0.6)
+    done = pcdbench.complete(scan, Floor(), tile_m=20.0)
+    left, right = (in_hole(done.added_cloud.points, 0.6, (x, 2, 0)).sum() for x in (-2.5, 2.5))
+    assert 5 < right / left < 13, "nine times as dense on the right"
+
+
+def test_tiles_agree_with_one_piece():
+    # One on a corner of four tiles, one within a tile.
+    scan = without(without(hall(), (4.0, 4.0, 0.0), 0.6), (10.0, 6.0, 0.0), 0.8)
+    whole = pcdbench.complete(scan, "plane_fitting", tile_m=40.0)
+    tiled = pcdbench.complete(scan, "plane_fitting", tile_m=4.0)
+    assert (whole.tiles, tiled.tiles) == (1, 9)
+    for center, radius in (((4.0, 4.0, 0.0), 0.6), ((10.0, 6.0, 0.0), 0.8)):
+        one, many = (in_hole(done.added_cloud.points, radius, center) for done in (whole, tiled))
+        assert many.sum() == pytest.approx(one.sum(), rel=0.15)
+        gap, _ = cKDTree(whole.added_cloud.points).query(tiled.added_cloud.points[many])
+        assert np.percentile(gap, 95) < 0.12
+    # No seam: added points keep apart across the borders of tiles.
+    gap, _ = cKDTree(tiled.added_cloud.points).query(tiled.added_cloud.points, k=2)
+    assert (gap[:, 1] > 0.3 * 0.08).all()
+
+
+@pytest.mark.parametrize("up", UPS)
+def test_any_axis_may_be_up_and_any_offset(up):
+    # Powers of two: exact after adding and taking away the offset.
+    scan = PointCloud(np.round(without(hall(0.12, (8.0, 6.0), color=False), HOLE, RADIUS_M).points * 2**12) / 2**12)
+    frame, offset = Frame.with_up(up), np.array([1_048_576.0, -2_097_152.0, 512.0])
+    turned = PointCloud(frame.back(scan.points) + offset)
+    np.testing.assert_array_equal(frame.upright(frame.back(scan.points)), scan.points)
+    done = pcdbench.complete(turned, "plane_fitting", up=up)
+    np.testing.assert_array_equal(done.cloud.points[: len(scan)], turned.points)
+    back = frame.upright(done.added_cloud.points - offset)
+    expected = pcdbench.complete(scan, "plane_fitting")
+    assert len(back) == pytest.approx(len(expected.added_cloud), rel=0.02)
+    gap, _ = cKDTree(expected.added_cloud.points).query(back)
+    assert np.median(gap) < 1e-3
+    assert in_hole(back).sum() > 100
+
+
+@pytest.mark.parametrize("up", UPS)
+def test_frames_are_rotations_with_the_axis_up(up):
+    frame = Frame.with_up(up)
+    rotation = frame.upright(np.eye(3)).T
+    assert np.linalg.det(rotation) == 1.0
+    axis = np.zeros(3)
+    axis["xyz".index(up[-1])] = -1.0 if up.startswith("-") else 1.0
+    np.testing.assert_array_equal(rotation @ axis, [0, 0, 1])
+    points = np.random.default_rng(0).normal(size=(5, 3))
+    np.testing.assert_array_equal(frame.column(points, 2), frame.upright(points)[:, 2])
+
+
+def test_the_result_depends_on_the_seed_and_not_on_the_workers(tmp_path):
+    script = tmp_path / "jobs.py"
+    script.write_text(
+        "import sys, pcdbench\n"
+        "if __name__ == '__main__':\n"
+        "    done = pcdbench.complete(pcdbench.PointCloud.read(sys.argv[1]), 'plane_fitting', tile_m=5, jobs=2)\n"
+        "    done.write(sys.argv[2])\n"
+    )
+    scan = without(hall(0.1), HOLE, RADIUS_M)
+    scan.write(tmp_path / "scan.npz")
+    subprocess.run([sys.executable, script, tmp_path / "scan.npz", tmp_path / "two.npz"], check=True, timeout=120)
+    one = pcdbench.complete(scan, "plane_fitting", tile_m=5)
+    two = PointCloud.read(tmp_path / "two.npz")
+    np.testing.assert_array_equal(one.cloud.points, two.points)
+    np.testing.assert_array_equal(one.cloud.colors, two.colors)
+    other = pcdbench.complete(scan, "plane_fitting", tile_m=5, seed=1)
+    assert not np.array_equal(one.cloud.points, other.cloud.points)
+
+
+def test_colors_come_from_the_completer_or_else_from_around():
+    scan = without(hall(), HOLE, RADIUS_M)
+    grey = pcdbench.complete(scan, Floor()).added_cloud
+    np.testing.assert_allclose(grey.colors, 0.5, atol=1e-6)
+    inside = pcdbench.complete(scan, Floor(color=False)).added_cloud
+    np.testing.assert_allclose(
+        inside.colors[in_hole(inside.points)], np.tile([0.8, 0.2, 0.2], (in_hole(inside.points).sum(), 1)), atol=1e-5
+    )
+    assert pcdbench.complete(scan.without_colors(), Floor()).cloud.colors is None
+
+
+class WrongType(Completer):
+    def complete(self, cloud, rng):
+        return cloud.points
+
+
+def test_a_tile_that_fails_is_named_and_costs_itself_alone():
+    scan = without(without(hall(), (2.0, 4.0, 0.0), 0.8), (10.0, 7.0, 0.0), 0.8)
+
+    class FailsWhereTheWallIs(Completer):
+        def complete(self, cloud, rng):
+            # Only the first column of tiles sees the wall x = 0: many points of one x.
+            if (np.abs(cloud.points[:, 0] - cloud.points[:, 0].min()) < 1e-9).sum() > 50:
+                raise ValueError("no\nmemory")
+            return Floor().complete(cloud, rng)
+
+    with pytest.warns(
+        CompletionWarning, match=r"nothing was added in tile x 0\.0 to 6\.0 m, y 0\.0.*ValueError: no mem"
+    ):
+        done = pcdbench.complete(scan, FailsWhereTheWallIs(), tile_m=6.0)
+    assert len(done.failures) == 2 and done.tiles == 4
+    np.testing.assert_array_equal(done.cloud.points[: len(scan)], scan.points)
+    assert in_hole(done.added_cloud.points, 0.8, (10.0, 7.0, 0.0)).sum() > 100
+    assert not in_hole(done.added_cloud.points, 0.8, (2.0, 4.0, 0.0)).any()
+
+
+def test_failing_everywhere_is_an_error():
+    with (
+        pytest.warns(CompletionWarning),
+        pytest.raises(
+            PcdbenchError, match=r"failed on all 1 tiles; the first: tile .* returned ndarray, not a PointCloud"
+        ),
+    ):
+        pcdbench.complete(hall(0.2, (4, 4)), WrongType())
+
+
+def test_a_worker_that_dies_costs_its_tile(tmp_path):
+    script = tmp_path / "dies.py"
+    script.write_text(
+        "import os, warnings, numpy as np, pcdbench\n"
+        "class Dies(pcdbench.Completer):\n"
+        "    def complete(self, cloud, rng):\n"
+        "        if np.ptp(cloud.points[:, 0]) < 4: os._exit(7)\n"
+        "        return cloud\n"
+        "if __name__ == '__main__':\n"
+        "    warnings.simplefilter('ignore')\n"
+        "    rng = np.random.default_rng(0)\n"
+        "    cloud = pcdbench.PointCloud(rng.random((4000, 3)) * [7, 4, 0.01])\n"
+        "    done = pcdbench.complete(cloud, Dies(), tile_m=5.0, jobs=2)\n"
+        "    print(len(done.cloud), len(done.failures), done.failures[0])\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.startswith("4000 1 tile x 5.0") and "exit code 7" in ran.stdout
+
+
+def test_nothing_to_add_is_fine():
+    scan = hall(0.15, (4, 4))
+    done = pcdbench.complete(scan, Nothing())
+    assert len(done.cloud) == len(scan) and not done.added.any() and len(done.added_cloud) == 0
+    assert repr(done) == f"Completed({len(scan):,} observed and 0 added points)"
+
+
+def test_wrong_use_is_one_line():
+    scan = hall(0.2, (4, 4), color=False)
+    for arguments, message in (
+        ({"completer": "plane_fiting"}, "did you mean plane_fitting"),
+        ({"completer": "ground_truth"}, "a reference to measure against"),
+        ({"completer": "plane_fitting", "up": "w"}, "up axis 'w' is none of z y x"),
+        ({"completer": "plane_fitting", "tile_m": 0.5}, "too small; take at least 2 m"),
+        ({"completer": "plane_fitting", "options": {"reach": 1}}, "no option 'reach'; did you mean reach_m"),
+        ({"completer": Nothing(), "options": {"a": 1}}, "give them to Nothing"),
+        ({"completer": "plane_fitting", "runs": 0}, "must be at least 1"),
+    ):
+        with pytest.raises(PcdbenchError, match=message) as caught:
+            pcdbench.complete(scan, **arguments)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(CloudError, match="the cloud has 20 points; at least 50"):
+        pcdbench.complete(scan.select(np.arange(20)), "plane_fitting")
+
+    class Colorful(Nothing):
+        needs_color = True
+
+    with pytest.raises(PcdbenchError, match="Colorful needs colours, and the cloud has none"):
+        pcdbench.complete(scan, Colorful())
+
+
+def test_odd_units_and_axes_are_warned_of():
+    scan = hall(0.2, (4, 4), color=False)
+    with pytest.warns(CompletionWarning, match="is its unit millimetres"):
+        millimetres = pcdbench.complete(PointCloud(scan.points * 1000), Nothing())
+    assert millimetres.tiles == 1
+    with pytest.warns(CompletionWarning, match="14.0 m high and 9.0 m wide; is z really its up axis"):
+        pcdbench.complete(PointCloud(hall(0.3, (9.0, 14.0), color=False).points[:, [2, 0, 1]]), Nothing())
+
+
+def test_windows_hold_the_tile_and_its_halo_and_owners_are_unique():
+    rng = np.random.default_rng(0)
+    points = rng.random((30_000, 3)) * [18, 16, 14] + [5.0, -7.0, 100.0]
+    tiling = Tiling.of(points, Frame.with_up("z"), 6.0)
+    low = points.min(axis=0)
+    owners = np.zeros(len(points), int)
+    for tile in tiling.tiles:
+        start = low + np.array(tile) * tiling.edges_m
+        reach = (points >= start - tiling.halo_m + 1e-9) & (points <= start + tiling.edges_m + tiling.halo_m - 1e-9)
+        np.testing.assert_array_equal(np.sort(tiling.window(tile)), np.flatnonzero(reach.all(axis=1)))
+        own = tiling.owned(tile, points)
+        assert own.sum() == tiling.count(tile)
+        owners += own
+    assert (owners == 1).all()
+    assert len({tile[2] for tile in tiling.tiles}) == 3, "14 m are cut by storeys"
+
+
+def test_places_outside_of_all_tiles_have_one_owner_at_most():
+    points = np.random.default_rng(0).random((3000, 3)) * [12, 6, 2.0]
+    tiling = Tiling.of(points, Frame.with_up("z"), 6.0)
+    outside = np.array([[6.1, -0.3, 1.0], [-0.2, 3.0, 1.0], [5.9, 6.4, 1.0], [60.0, 3.0, 1.0]])
+    owners = sum(tiling.owned(tile, outside).astype(int) for tile in tiling.tiles)
+    assert owners.tolist() == [1, 1, 1, 0]
+
+
+def test_few_windows_are_in_memory_at_a_time():
+    made, done = 0, 0
+
+    def tasks():
+        nonlocal made
+        scan = hall(0.3, (6, 6), color=False)
+        from pcdbench.completion.tile_work import TileTask
+
+        for number in range(5):
+            made += 1
+            assert made - done <= 1, "a window is made when the one before it is done"
+            yield (number, 0, 0), TileTask(scan, np.array([9.0, 9.0, 9.0]), (0, number), 1)
+
+    for _tile, outcome in tile_outcomes(tasks(), Nothing(), jobs=1):
+        done += 1
+        assert not isinstance(outcome, Exception)
+    assert done == 5

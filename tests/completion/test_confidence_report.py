@@ -1,0 +1,157 @@
+"""Confidence falls where completion errs, and the report names what to scan again."""
+
+import json
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from completion_cases import Floor, hall, without
+from scipy.spatial import cKDTree
+from scipy.stats import spearmanr
+
+import pcdbench
+from pcdbench import Completer, PointCloud
+from pcdbench.completion.confidence import factors
+from pcdbench.completion.evidence import evidence, gap_areas
+from pcdbench.completion.regions import regions_to_scan
+from pcdbench.completion.report import write_report
+from pcdbench.datasets.synthetic import Indoor
+from pcdbench.geometry.sampling import poisson_disk_indices
+from pcdbench.open3d_loader import load_open3d
+
+
+def distance_to_surface(scene, points):
+    o3d = load_open3d()
+    casting = o3d.t.geometry.RaycastingScene()
+    casting.add_triangles(
+        o3d.core.Tensor(scene.surface.vertices.astype(np.float32)),
+        o3d.core.Tensor(scene.surface.triangles.astype(np.uint32)),
+    )
+    return casting.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy()
+
+
+def with_holes(cloud, level, seed):
+    rng = np.random.default_rng(seed)
+    tree, kept = cKDTree(cloud.points), np.ones(len(cloud), bool)
+    while kept.mean() > 1 - level:
+        _, near = tree.query(cloud.points[rng.integers(len(cloud))], k=int(0.03 * len(cloud)))
+        kept[near] = False
+    return cloud.select(kept)
+
+
+@pytest.mark.parametrize(("completer", "strength"), [("plane_fitting", -0.2), ("hole_filling", -0.4)])
+def test_errors_fall_with_confidence(completer, strength):
+    # Rooms that the formula was not chosen on.
+    correlations, worst, best = [], [], []
+    for name in Indoor().scene_names("smoke"):
+        scene = Indoor().scene(name)
+        thin = scene.complete.select(poisson_disk_indices(scene.complete.points, 9000, np.random.default_rng(0)))
+        done = pcdbench.complete(with_holes(thin, 0.4, 1), completer)
+        error, trust = distance_to_surface(scene, done.added_cloud.points), done.confidence[done.added]
+        order, third = np.argsort(trust), len(trust) // 3
+        correlations.append(spearmanr(trust, error)[0])
+        worst.append(error[order[:third]].mean())
+        best.append(error[order[-third:]].mean())
+    assert np.mean(correlations) < strength
+    assert np.mean(best) < 0.5 * np.mean(worst)
+
+
+def plane(spacing_m=0.05, size_m=4.0, height_m=0.0):
+    steps = np.arange(0, size_m, spacing_m)
+    return np.stack(np.meshgrid(steps, steps, [height_m]), axis=-1).reshape(-1, 3)
+
+
+def test_factors_are_what_the_formula_says():
+    observed = plane()
+    observed = observed[np.linalg.norm(observed - [2, 2, 0], axis=1) > 0.5]
+    up = np.tile([0.0, 0.0, 1.0], (len(observed), 1))
+    asked = np.array([[2.0, 2.0, 0.0], [2.0, 2.0, 0.1], [5.0, 2.0, 0.0]])
+    found = evidence(asked, up[:3], observed, up, 0.05, np.random.default_rng(0))
+    nearest, _ = cKDTree(observed).query(asked)
+    np.testing.assert_allclose(found[:, 0], np.exp(-nearest / 2))
+    np.testing.assert_allclose(found[:, 1], [1.0, np.exp(-2.0), 1.0], atol=1e-9)
+    assert found[0, 2] == 1.0, "the middle of the hole is enclosed on all sides"
+    assert 0.5 < found[2, 2] <= 0.75, "beyond the edge it is not"
+    assert evidence(asked[:0], up[:0], observed, up, 0.05, np.random.default_rng(0)).shape == (0, 3)
+    whole = factors(found, np.array([0, 1, 2]), np.array([0, 1, 5]))
+    np.testing.assert_allclose(whole[:, 3], [1.0, 1.0, 0.5])
+    np.testing.assert_array_equal(whole[:, :3], found)
+
+
+class Fickle(Completer):
+    """Puts a patch on the floor's hole, and another somewhere else on every run."""
+
+    def complete(self, cloud, rng):
+        patch = plane(0.06, 1.6) - [0.8, 0.8, 0]
+        hole = patch + np.array([6.0 - CENTER[0], 4.0 - CENTER[1], cloud.points[:, 2].min()])
+        loose = patch + rng.uniform(-1, 1, 3) * [2, 2, 0.6]
+        return PointCloud(np.concatenate([cloud.points, hole, loose]))
+
+
+CENTER = np.array([10.0, 10.0])
+
+
+def test_runs_that_disagree_lower_the_confidence():
+    scan = without(hall(color=False), (6.0, 4.0, 0.0), 0.8)
+    done = pcdbench.complete(scan, Fickle(), runs=3, tile_m=20.0)
+    added, trust = done.added_cloud.points, done.confidence[done.added]
+    agreed = np.linalg.norm(added - [6.0, 4.0, 0.0], axis=1) < 0.7
+    loose = np.abs(added[:, 2]) > 0.15
+    assert agreed.sum() > 100 and loose.sum() > 100
+    assert np.median(trust[agreed]) > 0.7 > 0.4 > np.median(trust[loose])
+    regions = regions_to_scan(done)
+    assert any(region.confidence is not None and region.center_m[2] > 0.1 for region in regions)
+
+
+def test_gaps_are_measured_and_edges_are_none():
+    points = plane()
+    middle = np.linalg.norm(points - [2, 2, 0], axis=1)
+    points = points[middle > 0.6]
+    up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    areas = gap_areas(points, up, np.full(len(points), 0.05))
+    assert areas.sum() == pytest.approx(np.pi * 0.6**2, rel=0.35)
+    rims = points[areas > 0]
+    assert np.abs(np.linalg.norm(rims - [2, 2, 0], axis=1) - 0.6).max() < 0.1, "not the edge of the plane"
+
+
+class Idle(Completer):
+    def complete(self, cloud, rng):
+        return cloud
+
+
+@pytest.fixture(scope="module")
+def planted():
+    """A hall with a hole of 1 m radius in its floor, at map coordinates, y up, which nobody filled."""
+    scan = without(hall(), (7.0, 4.0, 0.0), 1.0)
+    # y up: the hall's x, y, z become z, x, y.
+    points = scan.points[:, [1, 2, 0]] + [5000.0, 100.0, -3000.0]
+    return pcdbench.complete(PointCloud(points, scan.colors), Idle(), up="y")
+
+
+def test_the_report_lists_a_planted_hole(planted, tmp_path):
+    regions = write_report(planted, tmp_path / "a" / "report", "hall.ply", "idle")
+    first = regions[0]
+    np.testing.assert_allclose(first.center_m, [5004.0, 100.0, -2993.0], atol=0.25)
+    np.testing.assert_allclose(sorted(first.size_m), [0.0, 2.0, 2.0], atol=0.35)
+    assert first.area_m2 == pytest.approx(np.pi, rel=0.4) and first.confidence is None
+    assert "left open" in first.reason and [region.number for region in regions] == list(range(1, len(regions) + 1))
+    assert all(a.area_m2 >= b.area_m2 for a, b in pairwise(regions))
+    facts = json.loads((tmp_path / "a/report/report.json").read_text())
+    assert facts["regions"][0]["center_m"] == list(first.center_m) and facts["added_points"] == 0
+    assert facts["observed_m2"] == pytest.approx(12 * 9 + 21 * 2.5, rel=0.2)
+    page = (tmp_path / "a/report/report.md").read_text()
+    assert "| 1 | 5004." in page and "a gap in a surface" in page
+    assert (tmp_path / "a/report/report.png").stat().st_size > 10_000
+
+
+def test_a_filled_hole_is_no_region(planted):
+    hole = without(hall(), (7.0, 4.0, 0.0), 1.0)
+    done = pcdbench.complete(hole, Floor())
+    assert all(np.hypot(region.center_m[0] - 7, region.center_m[1] - 4) > 1 for region in regions_to_scan(done))
+    assert regions_to_scan(planted), "and an open one is"
+
+
+def test_the_folder_that_cannot_be_written_is_named(planted, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(pcdbench.PcdbenchError, match="the report cannot be written"):
+        write_report(planted, tmp_path / "file", "a", "b")
