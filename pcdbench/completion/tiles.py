@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,18 +112,17 @@ class Tiling:
         Places outside of all tiles belong to the first of the tiles around them, and to none where that is another.
         """
         indices = np.floor((places - self.origin) / self.edges_m).astype(np.int64)
-        own: NDArray[Any] = (indices == tile).all(axis=1)
+        own = np.asarray((indices == tile).all(axis=1), np.bool_)
         for index in np.unique(indices[~own], axis=0).tolist():
             place: Index = (index[0], index[1], index[2])
             if place not in self._span_of_tile and self.neighbors(place)[:1] == [tile]:
-                own |= (indices == index).all(axis=1)
-        return np.asarray(own, np.bool_)
+                own[(indices == index).all(axis=1)] = True
+        return own
 
     def covers(self, tile: Index, places: NDArray[np.float64], margin_m: float = 0.0) -> NDArray[np.bool_]:
         """(M,) which of the upright (M, 3) places lie in a tile's window, at least `margin_m` from its sides."""
         reach = self.edges_m / 2 + self.halo_m - margin_m
-        inside: NDArray[np.bool_] = (np.abs(places - self.center(tile)) < reach).all(axis=1)
-        return inside
+        return np.asarray((np.abs(places - self.center(tile)) < reach).all(axis=1), np.bool_)
 
     def neighbors(self, tile: Index) -> list[Index]:
         """The up to 26 tiles around one that hold points."""
