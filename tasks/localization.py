@@ -37,7 +37,7 @@ class Localization(Task):
             description="coarse to fine: voxel sizes of ndt, largest correspondence distances of icp and gicp",
         )
         locations: int = Field(10, ge=1, description="live scans a case")
-        radius_m: float = Field(1.0, gt=0, description="locations lie at most this far from the reference position")
+        radius_m: float = Field(1.5, gt=0, description="locations lie at most this far from the reference position")
         yaw_deg: float = Field(
             5.0, ge=0, le=180, description="live headings differ from the reference's by at most this"
         )
@@ -70,6 +70,7 @@ class Localization(Task):
         estimated = np.stack(
             [T_scene_reference @ register(live, reference, np.eye(4), method, scales_m) for live in lives]
         )
+        estimated[~place.holds(estimated[:, :3, 3])] = T_scene_reference
         error_m, error_deg = absolute_errors(T_scene_live, estimated)
         planar = np.linalg.norm((estimated - T_scene_live)[:, :2, 3], axis=1)
         return Measurements(
