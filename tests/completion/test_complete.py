@@ -25,7 +25,7 @@ def in_hole(points, radius_m=RADIUS_M, center=HOLE):
 
 @pytest.mark.parametrize("completer", ["plane_fitting", "hole_filling", Floor()])
 def test_holes_are_filled_and_nothing_else_changes(completer):
-    scan = without(hall(), HOLE, RADIUS_M)
+    scan = without(hall(size=(8.0, 7.0)), HOLE, RADIUS_M)
     done = pcdbench.complete(scan, completer)
     count = len(scan)
     np.testing.assert_array_equal(done.cloud.points[:count], scan.points)
@@ -43,7 +43,7 @@ def test_holes_are_filled_and_nothing_else_changes(completer):
 
 @pytest.mark.parametrize(("spacing_m", "even"), [(0.08, True), (0.03, True), (0.015, False)])
 def test_added_points_are_as_dense_as_the_observed_around(spacing_m, even):
-    scan = without(hall(spacing_m, (6.0, 5.0), color=False, even=even), (3, 2.5, 0), 0.9)
+    scan = without(hall(spacing_m, (5.0, 4.5), color=False, even=even), (3, 2.5, 0), 0.9)
     done = pcdbench.complete(scan, Floor())
     added = done.added_cloud.points
     area = np.pi * 0.7**2
@@ -118,7 +118,7 @@ def test_the_result_depends_on_the_seed_and_not_on_the_workers(tmp_path):
         "    done = pcdbench.complete(pcdbench.PointCloud.read(sys.argv[1]), 'plane_fitting', tile_m=5, jobs=2)\n"
         "    done.write(sys.argv[2])\n"
     )
-    scan = without(hall(0.1), HOLE, RADIUS_M)
+    scan = without(hall(0.15, (9.0, 7.0)), HOLE, RADIUS_M)
     scan.write(tmp_path / "scan.npz")
     subprocess.run([sys.executable, script, tmp_path / "scan.npz", tmp_path / "two.npz"], check=True, timeout=120)
     one = pcdbench.complete(scan, "plane_fitting", tile_m=5)
@@ -130,7 +130,7 @@ def test_the_result_depends_on_the_seed_and_not_on_the_workers(tmp_path):
 
 
 def test_colors_come_from_the_completer_or_else_from_around():
-    scan = without(hall(), HOLE, RADIUS_M)
+    scan = without(hall(0.12, (8.0, 6.0)), HOLE, RADIUS_M)
     grey = pcdbench.complete(scan, Floor()).added_cloud
     np.testing.assert_allclose(grey.colors, 0.5, atol=1e-6)
     inside = pcdbench.complete(scan, Floor(color=False)).added_cloud
@@ -145,8 +145,9 @@ class WrongType(Completer):
         return cloud.points
 
 
+@pytest.mark.filterwarnings("ignore::pcdbench.completion.CompletionWarning")
 def test_a_tile_that_fails_is_named_and_costs_itself_alone():
-    scan = without(without(hall(), (2.0, 4.0, 0.0), 0.8), (10.0, 7.0, 0.0), 0.8)
+    scan = without(without(hall(0.1), (2.0, 4.0, 0.0), 0.8), (10.0, 7.0, 0.0), 0.8)
 
     class FailsWhereTheWallIs(Completer):
         def complete(self, cloud, rng):

@@ -92,7 +92,7 @@ CENTER = np.array([10.0, 10.0])
 
 
 def test_runs_that_disagree_lower_the_confidence():
-    scan = without(hall(color=False), (6.0, 4.0, 0.0), 0.8)
+    scan = without(hall(0.1, color=False), (6.0, 4.0, 0.0), 0.8)
     done = pcdbench.complete(scan, Fickle(), runs=3, tile_m=20.0)
     added, trust = done.added_cloud.points, done.confidence[done.added]
     agreed = np.linalg.norm(added - [6.0, 4.0, 0.0], axis=1) < 0.7
