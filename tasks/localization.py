@@ -92,8 +92,8 @@ class Localization(Task):
         from .pose_figures import error_cdf, locations_from_above
 
         return {
-            "localization_cdf": error_cdf(rows, "localization_error_m", "localization error (m)"),
-            "localization_from_above": locations_from_above(rows),
+            "cdf": error_cdf(rows, "localization_error_m", "localization error (m)"),
+            "from_above": locations_from_above(rows),
         }
 
     def _live_scans(self, place: ScannedScene, rng: np.random.Generator) -> tuple[Pose, list[NDArray[np.float64]]]:

@@ -127,7 +127,7 @@ def _case_title(rows: pd.DataFrame) -> str:
 
 def _from_above(axis: Axes, completer: str, errors_m: NDArray[np.float64]) -> None:
     axis.set(title=f"{completer}: mean {errors_m.mean():.2f} m", xlabel="x (m)", ylabel="y (m)")
-    axis.set_aspect("equal", adjustable="datalim")
+    axis.set_aspect("equal", adjustable="box")
 
 
 def _legend(figure: Figure, axes: list[Axes]) -> None:
@@ -140,6 +140,6 @@ def _legend(figure: Figure, axes: list[Axes]) -> None:
         handles=list(entries.values()),
         labels=list(entries),
         loc="outside lower center",
-        ncol=min(6, len(entries)),
+        ncol=min(2 * len(axes), len(entries)),
         frameon=False,
     )

@@ -104,9 +104,9 @@ class Tracking(Task):
         from .pose_figures import error_by_step, error_cdf, paths_from_above
 
         return {
-            "tracking_cdf": error_cdf(rows, "tracking_error_m", "tracking error (m)"),
-            "tracking_error_by_step": error_by_step(rows),
-            "tracking_path": paths_from_above(rows),
+            "cdf": error_cdf(rows, "tracking_error_m", "tracking error (m)"),
+            "error_by_step": error_by_step(rows),
+            "path": paths_from_above(rows),
         }
 
     def _true_poses(self, place: ScannedScene, rng: np.random.Generator) -> Pose:

@@ -49,6 +49,21 @@ def test_a_board_hides_the_wall_behind_it_and_nothing_else():
     assert (np.abs(on_wall[:, 1:]).max(axis=1) > 1.7).sum() > 0.999 * beside.sum()
 
 
+def test_a_pose_is_held_by_three_walls_and_by_nothing_less():
+    directions = random_directions(4000, 120.0, 120.0, np.random.default_rng(0))
+    wall = plane(2.0, 9.0, spacing=0.2)
+    side, floor = wall[:, [1, 0, 2]], wall[:, [1, 2, 0]] * [1, 1, -1]
+
+    def firmness(*planes):
+        place = object.__new__(ScannedScene)  # planes alone: there is nowhere to stand
+        place.raycaster, place.lower, place.upper = SurfelCloud(np.concatenate(planes)).raycaster, -20.0, 20.0
+        return place.firmness(np.eye(4)[None], directions, 10.0)[0]
+
+    assert firmness(wall) == pytest.approx(0.0, abs=1e-3)
+    assert firmness(wall, side) == pytest.approx(0.0, abs=1e-3)
+    assert firmness(wall, side, floor) > 0.05
+
+
 def test_what_surfels_hide_is_what_the_mesh_hides(room):
     place = scanned(room)
     points = room.dense.points

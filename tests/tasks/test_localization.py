@@ -79,7 +79,7 @@ def test_a_map_of_hardly_a_point_keeps_the_guess(half_room, count):
 def test_locations_are_free_near_and_in_sight(half_room):
     place = scanned(half_room.scene)
     true = np.array(evaluated(half_room, half_room.cloud, locations=40).trace["true"])
-    assert np.linalg.norm(true - place.center, axis=1).max() <= 1.0 + 1e-3
+    assert np.linalg.norm(true - place.center, axis=1).max() <= Localization.Options().radius_m + 1e-3
     assert place.free.clearance_at(true[:, :2]).min() >= 0.25
 
 
@@ -102,11 +102,11 @@ def test_a_scene_on_a_map_far_away_is_measured_the_same(half_room):
 def test_figures(half_room):
     task = Localization(Localization.Options(locations=3))
     figures = task.figures(rows(half_room, task))
-    assert set(figures) == {"localization_cdf", "localization_from_above"}
-    axis = figures["localization_cdf"].axes[0]
+    assert set(figures) == {"cdf", "from_above"}
+    axis = figures["cdf"].axes[0]
     assert {line.get_label() for line in axis.lines} == {"incomplete", "ground_truth", "other"}
     assert all(line.get_ydata()[-1] == 1.0 for line in axis.lines)
-    assert len(figures["localization_cdf"].axes) == 2
+    assert len(figures["cdf"].axes) == 2
 
 
 def test_ten_locations_are_fast(half_room):

@@ -101,8 +101,8 @@ def test_figures(half_room):
         frame.append({"scene": "s", "level": 0.5, "completer": name, "samples": found.samples})
         frame[-1] |= {"labels": found.labels, "trace": found.trace}
     figures = task.figures(pd.DataFrame(frame))
-    assert set(figures) == {"tracking_cdf", "tracking_error_by_step", "tracking_path"}
-    lines = figures["tracking_error_by_step"].axes[0].lines
+    assert set(figures) == {"cdf", "error_by_step", "path"}
+    lines = figures["error_by_step"].axes[0].lines
     by_name = {line.get_label(): line.get_ydata() for line in lines}
     assert by_name["incomplete"] == pytest.approx(frame[0]["samples"]["tracking_error_m"])
 
