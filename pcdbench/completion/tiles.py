@@ -109,15 +109,27 @@ class Tiling:
     def owned(self, tile: Index, places: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(M,) which of the upright (M, 3) places are the tile's own.
 
-        Places outside of all tiles belong to the first of the tiles around them, and to none where that is another.
+        A place outside of all tiles that hold points belongs to the nearest of them: what a completer puts a hair
+        below the lowest point of a floor is the tile's above it.
         """
         indices = np.floor((places - self.origin) / self.edges_m).astype(np.int64)
         own = np.asarray((indices == tile).all(axis=1), np.bool_)
         for index in np.unique(indices[~own], axis=0).tolist():
             place: Index = (index[0], index[1], index[2])
-            if place not in self._span_of_tile and self.neighbors(place)[:1] == [tile]:
-                own[(indices == index).all(axis=1)] = True
+            if place in self._span_of_tile:
+                continue
+            around = self.neighbors(place)
+            if tile in around:
+                rows = np.flatnonzero((indices == index).all(axis=1))
+                away = np.stack([self._away_m(other, places[rows]) for other in around])
+                own[rows] = away.argmin(axis=0) == around.index(tile)
         return own
+
+    def _away_m(self, tile: Index, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(M,) metres from the upright (M, 3) places to a tile; 0 within."""
+        beyond = np.abs(places - self.center(tile)) - self.edges_m / 2
+        away: NDArray[np.float64] = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
+        return away
 
     def covers(self, tile: Index, places: NDArray[np.float64], margin_m: float = 0.0) -> NDArray[np.bool_]:
         """(M,) which of the upright (M, 3) places lie in a tile's window, at least `margin_m` from its sides."""

@@ -261,6 +261,19 @@ def test_places_outside_of_all_tiles_have_one_owner_at_most():
     assert owners.tolist() == [1, 1, 1, 0]
 
 
+def test_what_lies_below_the_floor_or_behind_a_wall_is_of_the_nearest_tile():
+    points = np.random.default_rng(0).random((3000, 3)) * [18, 12, 2.0]
+    tiling = Tiling.of(points, Frame.with_up("z"), 6.0)
+    assert len(tiling.tiles) == 6
+    for tile in tiling.tiles:
+        middle = tiling.center(tile)
+        below = np.array([[middle[0], middle[1], tiling.origin[2] - 1e-9], [middle[0], middle[1], 0.5]])
+        assert [tiling.owned(other, below).tolist() for other in tiling.tiles].count([True, True]) == 1
+        assert tiling.owned(tile, below).all()
+        behind = np.array([[middle[0], tiling.origin[1] - 1e-9, 1.0]])
+        assert tiling.owned((tile[0], 0, 0), behind).all()
+
+
 def test_few_windows_are_in_memory_at_a_time():
     made, done = 0, 0
 
