@@ -27,7 +27,7 @@ class Tagging(Task):
 
     class Options(options.Options):
         voxel_spacings: float = Field(
-            4.0, gt=0, description="voxel edge, in median nearest-neighbour distances of the complete cloud"
+            6.0, gt=0, description="voxel edge, in median nearest-neighbour distances of the complete cloud"
         )
         found_above: float = Field(0.9, gt=0, lt=1, description="SSIM above which an object counts as found")
         margin_m: float = Field(
