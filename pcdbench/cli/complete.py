@@ -76,4 +76,4 @@ def complete(
         from pcdbench.completion.report import write_report
 
         regions = write_report(completed, report, scan.name, completer)
-        typer.echo(f"{report / 'report.md'}: {len(regions)} regions to scan again", err=True)
+        typer.echo(f"{report / 'report.md'}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again", err=True)

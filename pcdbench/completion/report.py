@@ -14,6 +14,8 @@ from pcdbench.errors import PcdbenchError
 
 PIXELS = 1600
 MOST_LISTED = 40
+LARGEST_TICK_M = 1000.0
+LABEL_INCHES = 0.3
 VERSION = 1
 
 
@@ -106,14 +108,19 @@ def _write_plan(completed: Completed, regions: list[Region], path: Path, title: 
         figsize=(inches, float(np.clip(inches * height / width, 3.0, 16.0)) + 0.8), layout="constrained", dpi=130
     )
     axes = figure.subplots()
-    # Offsets of map coordinates would make the axes unreadable.
-    axes.imshow(picture, extent=(0, width, 0, height), interpolation="antialiased", origin="lower")
+    # The scan's own coordinates, as in the table; only what would make map coordinates unreadable is taken off.
+    start = np.where(np.abs(low) < LARGEST_TICK_M, 0.0, np.floor(low / LARGEST_TICK_M) * LARGEST_TICK_M)
+    (left, bottom), (right, top) = low - start, high - start
+    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", origin="lower")
+    corners: list[NDArray[np.float64]] = []
     for region in regions[:MOST_LISTED]:
-        corner, size = np.array(region.low_m[:2]) - low, np.maximum(np.array(region.size_m[:2]), 0.15)
+        corner, size = np.array(region.low_m[:2]) - start, np.maximum(np.array(region.size_m[:2]), 0.15)
         axes.add_patch(Rectangle(tuple(corner), *size, fill=False, edgecolor="black", linewidth=1.2))
+        free = _free_corner(corner, size, corners, LABEL_INCHES / inches * max(width, height))
+        corners.append(free)
         axes.text(
-            float(corner[0] + size[0]),
-            float(corner[1] + size[1]),
+            float(free[0]),
+            float(free[1]),
             str(region.number),
             fontsize=9,
             fontweight="bold",
@@ -122,12 +129,24 @@ def _write_plan(completed: Completed, regions: list[Region], path: Path, title: 
             clip_on=False,
         )
     marked = f", the largest {MOST_LISTED} marked" if len(regions) > MOST_LISTED else ""
-    axes.set_title(f"{title}: {len(regions)} regions to scan again{marked}")
-    axes.set_xlabel(f"metres along x from {low[0]:.2f}")
-    axes.set_ylabel(f"metres along y from {low[1]:.2f}")
+    axes.set_title(f"{title}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again{marked}")
+    for name, which in (("x", 0), ("y", 1)):
+        taken_off = f" - {start[which]:,.0f}" if start[which] else ""
+        axes.set(**{f"{name}label": f"{'xyz'[completed.frame.axes[which]]}{taken_off} (m)"})
     color_bar = figure.colorbar(_confidence_scale(), ax=axes, shrink=0.6)
     color_bar.set_label("confidence of added points (observed points are grey)")
     figure.savefig(path, facecolor="white")
+
+
+def _free_corner(
+    corner: NDArray[np.float64], size: NDArray[np.float64], taken: list[NDArray[np.float64]], apart_m: float
+) -> NDArray[np.float64]:
+    """(2,) that corner of a box which is farthest from other labels, or the first that is far enough."""
+    options = [corner + size * share for share in ((1, 1), (0, 1), (1, 0), (0, 0))]
+    if not taken:
+        return options[0]
+    away = [float(np.linalg.norm(np.array(taken) - option, axis=1).min()) for option in options]
+    return next((option for option, gap in zip(options, away, strict=True) if gap >= apart_m), options[np.argmax(away)])
 
 
 def _confidence_scale():  # type: ignore[no-untyped-def]  # matplotlib is imported when it is needed
