@@ -30,10 +30,10 @@ def run(tmp_path, monkeypatch):
 
 
 def floor(color=True, offset=OFFSET):
-    """A floor of 5 x 5 m, 7.5 cm spacing, with a hole of 0.7 m radius, on a grid of a tenth of a millimetre."""
+    """A floor of 4 x 4 m, 9 cm spacing, with a hole of 0.7 m radius, on a grid of a tenth of a millimetre."""
     rng = np.random.default_rng(0)
-    points = rng.random((4400, 3)) * [5, 5, 0]
-    points = np.round(points[np.linalg.norm(points - [2.5, 2.5, 0], axis=1) > 0.7] + offset, 4)
+    points = rng.random((2000, 3)) * [4, 4, 0]
+    points = np.round(points[np.linalg.norm(points - [2.0, 2.0, 0], axis=1) > 0.7] + offset, 4)
     colors = np.float32(rng.integers(0, 256, points.shape) / np.float32(255)) if color else None
     return PointCloud(points, colors)
 
@@ -61,7 +61,7 @@ def test_every_format_keeps_what_was_observed_and_marks_what_was_added(run, exte
         assert (fields["confidence"][:count] == 1).all() and fields["confidence"].min() >= 0
         assert (fields["confidence"][count:] < 1).any() and "cannot mark" not in said
     np.testing.assert_array_equal(done.colors[:count], scan.colors)
-    middle = done.points[count:] - OFFSET - [2.5, 2.5, 0]
+    middle = done.points[count:] - OFFSET - [2.0, 2.0, 0]
     assert (np.linalg.norm(middle, axis=1) < 0.75).mean() > 0.9
 
 
@@ -127,5 +127,5 @@ def test_units_are_asked_for(run):
     scan = floor(color=False, offset=np.zeros(3))
     PointCloud(scan.points * 1000).write("mm.ply")
     said = run("mm.ply", "-o", "out.ply", "--completer", "plane_fitting")
-    assert "pcdbench: the longest side is 5,00" in said or "pcdbench: the longest side is 4,99" in said
+    assert "pcdbench: the longest side is 4,00" in said or "pcdbench: the longest side is 3,99" in said
     assert "millimetres?" in said
