@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from pcdbench.errors import PcdbenchError, PluginError
 from pcdbench.keys import digest, file_digest
-from pcdbench.plugins import Kind, did_you_mean, registry
+from pcdbench.plugins import KINDS, Kind, did_you_mean, registry
 
 BASE_OF_KIND: dict[Kind, str] = {
     "completer": "Completer",
@@ -22,6 +23,8 @@ BASE_OF_KIND: dict[Kind, str] = {
     "dataset": "Dataset",
     "incompleteness": "Incompleteness",
 }
+
+_SEQUENCES = (list, tuple, set, frozenset, Sequence)
 
 
 @dataclass(frozen=True)
@@ -116,15 +119,17 @@ def option_targets(options: Mapping[str, Mapping[str, str]], names: Mapping[Kind
     known = [name for of_kind in names.values() for name in of_kind]
     for name in options:
         if name not in known:
-            raise PcdbenchError(f"--option {name}.…: {name!r} is not in this run; {did_you_mean(name, known)}")
+            installed = any(found.name == name for kind in KINDS for found in registry().all(kind))
+            cure = f"name it there too, or leave its options out ({', '.join(known)})" if installed else None
+            raise PcdbenchError(f"--option {name}.…: {name!r} is not in this run; {cure or did_you_mean(name, known)}")
 
 
 def _options(name: str, model: type[BaseModel], given: Mapping[str, str]) -> BaseModel:
     try:
-        return model.model_validate_strings(dict(given)) if given else model()
+        return model.model_validate({key: _typed(model, key, text) for key, text in given.items()})
     except ValidationError as error:
         first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
+        key = str(first["loc"][0]) if first["loc"] else ""
         if first["type"] == "extra_forbidden":
             keys = list(model.model_fields)
             cure = did_you_mean(key, keys) if keys else "it has no options"
@@ -132,6 +137,17 @@ def _options(name: str, model: type[BaseModel], given: Mapping[str, str]) -> Bas
         problem = first["msg"][0].lower() + first["msg"][1:]
         value = given.get(key)
         raise PcdbenchError(f"--option {name}.{key}={value}: {problem} (see pcdbench show {name})") from None
+
+
+def _typed(model: type[BaseModel], key: str, text: str) -> Any:
+    """The text of an option as pydantic takes it: a list or tuple is typed `1,2,3`, and None is typed `None`."""
+    annotation = model.model_fields[key].annotation if key in model.model_fields else None
+    alternatives = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    if NoneType in alternatives and text == "None":
+        return None
+    if any((get_origin(one) or one) in _SEQUENCES for one in alternatives):
+        return [part.strip() for part in text.strip("()[] ").split(",") if part.strip()]
+    return text
 
 
 def _check_class(kind: Kind, name: str, target: str, cls: Any) -> None:

@@ -1,9 +1,11 @@
 """Options are checked before anything runs, and an error names the option and its cure."""
 
 import pytest
+from pydantic import Field
 
 from pcdbench.errors import PcdbenchError, PluginError
-from pcdbench.runner.selection import option_targets, parse_options, select
+from pcdbench.options import Options
+from pcdbench.runner.selection import _options, option_targets, parse_options, select
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 
@@ -54,3 +56,40 @@ def test_identity_follows_options_and_not_the_path():
     plain = select("dataset", "tiny", {})
     assert select("dataset", "tiny", {}, path="elsewhere").identity == plain.identity
     assert select("dataset", "tiny", {"points": "10"}).identity != plain.identity
+
+
+class Various(Options):
+    pair: tuple[int, int] = (1, 2)
+    many: list[float] = Field([1.0])
+    limit: float | None = 3.0
+    few: tuple[str, ...] | None = None
+    on: bool = False
+
+
+@pytest.mark.parametrize(
+    ("key", "text", "value"),
+    [
+        ("pair", "3,4", (3, 4)),
+        ("pair", "(3, 4)", (3, 4)),
+        ("many", "0.5", [0.5]),
+        ("many", "[1,2]", [1.0, 2.0]),
+        ("many", "", []),
+        ("limit", "None", None),
+        ("limit", "0.5", 0.5),
+        ("few", "a,b", ("a", "b")),
+        ("on", "true", True),
+    ],
+)
+def test_sequences_and_none_are_typed_as_show_prints_them(key, text, value):
+    assert getattr(_options("various", Various, {key: text}), key) == value
+
+
+@pytest.mark.parametrize(("key", "text"), [("pair", "3"), ("pair", "3,x"), ("many", "1,,x"), ("on", "maybe")])
+def test_bad_members_of_sequences_name_the_option_and_all_of_its_text(key, text):
+    with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: "):
+        _options("various", Various, {key: text})
+
+
+def test_option_of_a_plugin_that_is_installed_but_not_in_the_run():
+    with pytest.raises(PcdbenchError, match="'tiny_fill' is not in this run; name it there too, or leave its options"):
+        option_targets({"tiny_fill": {"points": "1"}}, {"completer": ["tiny_colorful"], "task": ["tiny_gap"]})
