@@ -20,6 +20,8 @@ CELL_M = 0.05
 BODY_RADIUS_M = 0.25
 ANKLE_M, HEAD_M = 0.1, 1.8
 FLOOR_REACH_M = 0.4
+# A floor of 300 x 300 m has as many; distances over more would take gigabytes.
+_MOST_CELLS = 40_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +106,14 @@ def free_space(obstacles: NDArray[np.float64], seen: NDArray[np.float64]) -> Fre
         seen: (M, 3) points of the scan: its floor is the only floor one can stand on.
 
     Raises:
-        Skipped: where there is none.
+        Skipped: where there is none, or the scan is far larger than a building's floor.
     """
+    sides_m = np.ptp(seen, axis=0)
+    if sides_m[0] * sides_m[1] > _MOST_CELLS * CELL_M**2 or sides_m[2] > _MOST_CELLS * CELL_M:
+        size = " x ".join(f"{side:.4g}" for side in sides_m)
+        raise Skipped(
+            f"the scan is {size} m, too large to look for free space in; cut it, or check that it is in metres"
+        )
     floor = floor_height(seen)
     corner = seen[:, :2].min(axis=0) - CELL_M
     shape = tuple(np.ceil((seen[:, :2].max(axis=0) - corner) / CELL_M).astype(int) + 2)

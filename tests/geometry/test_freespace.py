@@ -89,3 +89,10 @@ def test_points_on_a_triangle_lie_on_it_and_leave_no_gap(numbers):
 def test_headings_look_where_the_path_goes_and_hold_at_its_end():
     path = np.array([[0, 0], [1, 0], [2, 0], [2, 1], [2, 2]], float)
     assert np.degrees(headings(path, lookahead=1)) == pytest.approx([0, 0, 90, 90, 90])
+
+
+@pytest.mark.parametrize("factor", [[1e3, 1e3, 1], [1e8, 1e8, 1e8], [1, 1, 1e9]])
+def test_scans_too_large_for_a_grid_are_skipped_before_it_is_made(factor):
+    scan = np.concatenate([floor(), wall(2.0)]) * factor
+    with pytest.raises(Skipped, match="too large to look for free space in"):
+        free_space(scan, scan)
