@@ -21,8 +21,9 @@ from pcdbench.scene import Scene, TaggedObject
 
 # With fewer points the lowest usual level, 10 %, takes away no whole one.
 FEWEST_POINTS = 10
-# A cloud this much thinner than long (standard deviations) is a line: it has no surface to complete.
-_THINNEST = 1e-5
+# A cloud this much thinner than long, or this thin (standard deviations), is a line: it has no surface to complete.
+# Files round to 0.1 or 1 mm, so that lines are seldom exact.
+_THINNEST, _THINNEST_M = 1e-5, 5e-4
 # More than this is thinned at random before the Poisson-disk sample, whose cost grows with its source.
 _MOST_TO_SAMPLE = 2_000_000
 _SMALLEST_M, _LARGEST_M = 0.5, 500.0
@@ -136,7 +137,7 @@ def _require_surface(cloud: PointCloud, path: Path) -> None:
             f"{path} has {len(cloud)} distinct points; at least {FEWEST_POINTS} are needed to take some away"
         )
     _, middle, largest = np.linalg.eigvalsh(np.cov(cloud.points - cloud.points[0], rowvar=False))
-    if middle <= _THINNEST**2 * largest:
+    if middle <= max(_THINNEST**2 * largest, _THINNEST_M**2):
         raise CloudError(f"{path}: its {len(cloud):,} points lie on one line; there is no surface to complete")
 
 

@@ -148,6 +148,7 @@ def test_huge_clouds_are_thinned_before_sampling(tmp_path, monkeypatch):
         (np.random.default_rng(0).uniform(0, 4, (9, 3)), "has 9 distinct points"),
         (np.linspace(0, 5, 500)[:, None] * [1.0, 2.0, 0.5], "lie on one line"),
         (np.linspace(0, 5, 500)[:, None] * [1.0, 2.0, 0.5] + [1e6, 5e6, 100], "lie on one line"),
+        (np.round(np.linspace(0, 5, 500)[:, None] * [1.0, 2.0, 0.5], 3), "lie on one line"),
     ],
 )
 def test_clouds_too_small_to_measure_are_refused(tmp_path, points, message):
