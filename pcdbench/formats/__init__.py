@@ -93,7 +93,8 @@ def _read(path: Path, what: str) -> Any:
         raise CloudError(f"{path} does not fit into memory; thin it first") from error
     except Exception as error:
         # Six parsers, three of them not ours, meet arbitrary bytes here: none of their errors is a bug of the caller.
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        # libe57 puts its source lines after asterisks.
+        reason = " ".join(str(error).split("****")[0].split())[:200] or type(error).__name__
         raise CloudError(f"{path} cannot be read as {path.suffix[1:].upper()} ({reason}); export it again") from error
 
 

@@ -157,3 +157,9 @@ def test_npz_that_promises_more_than_it_holds(tmp_path):
         archive.writestr("points.npy", lie)
     with pytest.raises(CloudError, match=r"a\.npz is cut off: its header promises 3,000,000,000 points"):
         read_cloud(tmp_path / "a.npz")
+
+
+def test_what_libe57_says_of_its_source_lines_is_left_out(tmp_path):
+    (tmp_path / "cut.e57").write_bytes(b"ASTM-E57" + bytes(52))
+    with pytest.raises(CloudError, match=r"cut\.e57 cannot be read as E57 \([^*]*\); export it again$"):
+        read_cloud(tmp_path / "cut.e57")
