@@ -19,7 +19,7 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     """Draw the first case of the middle level: true, incomplete, and as each completer completed it.
 
     Returns:
-        `case_<scene>_<level>.png` in `folder`, or None where no scene could be used.
+        `case_<scene>_<level>.png` in `folder`, or None where no scene could be used, or the scene is gone since.
     """
     from pcdbench.leaderboard.picture import write_picture
 
@@ -32,7 +32,10 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     first = cells[0]
     shown = [cell for cell in cells if _same_case(cell, first) and not cell.completer.reference]
     executor = Executor(plan.dataset, CompletionCache())
-    case = executor.case(first)
+    try:
+        case = executor.case(first)
+    except Failure:
+        return None
     clouds = [("true", case.scene.complete), ("incomplete", case.cloud)]
     for cell in shown:
         try:

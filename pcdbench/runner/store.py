@@ -99,8 +99,10 @@ def read_run(folder: Path) -> dict[str, Any]:
     """
     path = folder / RUN
     try:
-        content = json.loads(path.read_text())
-    except FileNotFoundError:
+        content: dict[str, Any] = json.loads(path.read_text())
+        if not isinstance(content, dict):
+            raise ValueError("it holds no JSON object")
+    except (FileNotFoundError, NotADirectoryError):
         raise PcdbenchError(f"{folder} is not a run: it has no {RUN}; runs lie in runs/ or where --out said") from None
     except (OSError, ValueError) as error:
         raise PcdbenchError(f"{path} cannot be read ({error}); run its command again into another folder") from None

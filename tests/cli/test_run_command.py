@@ -10,10 +10,15 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from pcdbench.cli import app
+from pcdbench.cloud import PointCloud
+from pcdbench.leaderboard.figures import write_case_picture
+from pcdbench.leaderboard.results import rows_of_run
+from pcdbench.runner.plan import Request, plan
 from pcdbench.runner.rows import CIRCUMSTANCES
 
 COMMAND = [sys.executable, "-c", "from pcdbench.cli import main; main()"]
@@ -150,3 +155,36 @@ def test_misuse_is_one_line_and_exit_code_2(run, arguments, message):
 
 def test_results_of_what_is_no_run(run, tmp_path):
     assert "is not a run" in run("results", str(tmp_path), code=2).stderr
+
+
+def test_results_of_a_file_names_the_folders_to_look_in(run, tmp_path):
+    (tmp_path / "notes").write_text("no run")
+    assert "notes is not a run: it has no run.json" in run("results", "notes", code=2).stderr
+
+
+def test_one_case_is_drawn_unless_its_scan_is_gone(run, tmp_path):
+    points = np.random.default_rng(0).uniform(0, 4, (200, 3))
+    PointCloud(points).write(tmp_path / "scans" / "room.npz")
+    arguments = ["run", "--completer", "tiny_fill", "--task", "tiny_gap", "--jobs", "1", "--level", "0.3"]
+    planned = plan(Request(["tiny_fill"], ["tiny_gap"], f"clouds:{tmp_path / 'scans'}", levels=[0.3]))
+    run(*arguments, "--dataset", "clouds:scans", "--out", "run")
+    rows = rows_of_run(tmp_path / "run")
+    assert write_case_picture(planned, rows, tmp_path / "drawn") == tmp_path / "drawn" / "case_room_0.3.png"
+    (tmp_path / "scans" / "room.npz").write_bytes(b"damaged")
+    assert write_case_picture(planned, rows, tmp_path / "drawn") is None
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "message"),
+    [
+        ("run.json", "[]", "run.json cannot be read"),
+        ("run.json", "{", "run.json cannot be read"),
+        ("rows.jsonl", '{"lock": "a"}\n', "rows.jsonl, line 1, is damaged"),
+        ("rows.jsonl", "7\n", "rows.jsonl, line 1, is damaged"),
+        ("rows.jsonl", "", "has no rows yet"),
+    ],
+)
+def test_results_of_a_damaged_run_name_the_file(run, tmp_path, file, text, message):
+    (tmp_path / "run.json").write_text('{"schema_version": 1}')
+    (tmp_path / file).write_text(text)
+    assert message in run("results", ".", code=2).stderr
