@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
-import threading
 from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from itertools import islice
@@ -12,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from pcdbench.threads import limit_threads, thread_count
+from pcdbench.threads import thread_count
+from pcdbench.workers import begin_worker
 
 if TYPE_CHECKING:
     from pcdbench.completer import Completer
@@ -91,19 +90,8 @@ _completer: Any = None
 
 def _begin_worker(completer: Plugin | Completer, threads: int) -> None:
     global _completer
-    limit_threads(threads)
-    # Native libraries print to standard output, which belongs to the parent.
-    os.dup2(2, 1)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    begin_worker(threads)
     _completer = completer
-
-
-def _end_with(parent: Any) -> None:
-    """End this process when its parent is gone, killed even."""
-    parent.join()
-    os._exit(1)
 
 
 def _in_worker(task: TileTask) -> TileResult | None:

@@ -6,18 +6,17 @@ Nothing heavy is imported here: a worker limits its threads before numpy is firs
 from __future__ import annotations
 
 import multiprocessing
-import os
-import threading
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pebble import ProcessExpired, ProcessPool
 
 from pcdbench.runner.selection import Plugin
-from pcdbench.threads import limit_threads, thread_count
+from pcdbench.threads import thread_count
+from pcdbench.workers import begin_worker
 
 if TYPE_CHECKING:
     from pcdbench.runner.execute import Executor
@@ -120,19 +119,8 @@ _begun: tuple[Plugin] | None = None
 
 def _begin_worker(dataset: Plugin, threads: int) -> None:
     global _begun
-    limit_threads(threads)
-    # Native libraries print to standard output, where the parent's tables and JSON go.
-    os.dup2(2, 1)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    begin_worker(threads)
     _begun = (dataset,)
-
-
-def _end_with(parent: Any) -> None:
-    """End this process when its parent is gone, killed even."""
-    parent.join()
-    os._exit(1)
 
 
 def _run_in_worker(job: Job) -> list[Row]:
