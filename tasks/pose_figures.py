@@ -64,6 +64,7 @@ def locations_from_above(rows: pd.DataFrame) -> Figure:
             trace["reference"][0], trace["reference"][1], s=80, marker="*", color="#e69f00", label="reference", zorder=2
         )
         _from_above(axis, completer, np.linalg.norm(estimated - true, axis=1))
+    _give_room(axes[0])
     _legend(figure, axes)
     figure.suptitle(_case_title(rows))
     return figure
@@ -80,6 +81,7 @@ def paths_from_above(rows: pd.DataFrame) -> Figure:
         axis.plot(estimated[:, 0], estimated[:, 1], ".-", color=color, linewidth=1.3, markersize=4, label="estimated")
         axis.scatter(true[0, 0], true[0, 1], s=45, facecolors="white", edgecolors=TRUE_COLOR, zorder=3, label="start")
         _from_above(axis, completer, np.linalg.norm(estimated - true, axis=1)[1:])
+    _give_room(axes[0])
     _legend(figure, axes)
     figure.suptitle(_case_title(rows))
     return figure
@@ -128,6 +130,15 @@ def _case_title(rows: pd.DataFrame) -> str:
 def _from_above(axis: Axes, completer: str, errors_m: NDArray[np.float64]) -> None:
     axis.set(title=f"{completer}: mean {errors_m.mean():.2f} m", xlabel="x (m)", ylabel="y (m)")
     axis.set_aspect("equal", adjustable="box")
+
+
+def _give_room(axis: Axes) -> None:
+    """Widen the narrower of the two ranges to most of the other: a straight path would be a strip on white."""
+    (left, right), (low, high) = axis.get_xlim(), axis.get_ylim()
+    side = 0.8 * max(right - left, high - low)
+    for setter, start, end in ((axis.set_xlim, left, right), (axis.set_ylim, low, high)):
+        margin = max(0.0, side - (end - start)) / 2
+        setter(start - margin, end + margin)
 
 
 def _legend(figure: Figure, axes: list[Axes]) -> None:

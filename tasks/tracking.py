@@ -11,6 +11,7 @@ from pydantic import Field
 from pcdbench import options
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
+from pcdbench.errors import Skipped
 from pcdbench.geometry.freespace import headings
 from pcdbench.geometry.poses import Pose, absolute_errors, inverse, pose, relative_errors
 from pcdbench.geometry.registration import Method, register
@@ -123,9 +124,13 @@ class Tracking(Task):
     def _walk_poses(self, place: ScannedScene, rng: np.random.Generator) -> Pose:
         """(steps + 1, 4, 4) poses along one random walk, facing where it goes but turning slowly."""
         count, step_m = self.options.steps + 1, self.options.step_m
-        walk = place.free.walk(count * step_m, step_m, rng)
-        while len(walk) < count:
-            walk = place.free.walk(2 * len(walk) * step_m, step_m, rng)
+        # Rounding the corners shortens a walk, so that more than one try may be needed.
+        for tries in range(1, 6):
+            walk = place.free.walk(2**tries * count * step_m / 2, step_m, rng)
+            if len(walk) >= count:
+                break
+        else:
+            raise Skipped(f"the free space is too narrow for a walk of {count * step_m:.1f} m")
         ahead = headings(walk)[:count]
         turns = np.radians(self.options.turn_deg)
         yaws = [ahead[0]]

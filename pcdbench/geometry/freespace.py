@@ -20,6 +20,7 @@ CELL_M = 0.05
 BODY_RADIUS_M = 0.25
 ANKLE_M, HEAD_M = 0.1, 1.8
 FLOOR_REACH_M = 0.4
+SHORTEST_LEG_M = 0.5
 # A floor of 300 x 300 m has as many; distances over more would take gigabytes.
 _MOST_CELLS = 40_000_000
 
@@ -70,8 +71,8 @@ class FreeSpace:
         while length < length_m:
             far = cells[np.linalg.norm(cells - here, axis=1) * CELL_M >= 1.0]
             target = far[rng.integers(len(far))] if len(far) else cells[_farthest(cells, here)]
-            if (target == here).all():
-                raise Skipped("the free space is a single cell; there is nowhere to walk")
+            if np.linalg.norm(target - here) * CELL_M < SHORTEST_LEG_M:
+                raise Skipped("the free space is less than half a metre across; there is nowhere to walk")
             router = MCP_Geometric(cost, fully_connected=True)
             router.find_costs([tuple(here)], [tuple(target)])
             leg = np.array(router.traceback(tuple(target)))[1:]

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from pcdbench.errors import Skipped
 from pcdbench.geometry.freespace import (
     BODY_RADIUS_M,
+    FreeSpace,
     floor_height,
     free_space,
     headings,
@@ -96,3 +97,11 @@ def test_scans_too_large_for_a_grid_are_skipped_before_it_is_made(factor):
     scan = np.concatenate([floor(), wall(2.0)]) * factor
     with pytest.raises(Skipped, match="too large to look for free space in"):
         free_space(scan, scan)
+
+
+def test_a_free_space_of_a_few_cells_is_nowhere_to_walk():
+    free = np.zeros((20, 20), bool)
+    free[4:8, 4:9] = True
+    place = FreeSpace(np.zeros(2), free, np.full(free.shape, 0.3), 0.0)
+    with pytest.raises(Skipped, match="half a metre"):
+        place.walk(2.0, 0.06, np.random.default_rng(0))
