@@ -72,7 +72,8 @@ def test_it_runs_on_a_folder_of_scans(python: Path, room: Scene, tmp_path: Path)
     assert mine["status"] == floor["status"] == "ok"
     assert mine["completer"]["options"] == {"neighbors": 4, "gap": 2.0}
     covered = [row["metrics"]["covered"]["samples"][0] for row in (mine, floor)]
-    assert 1.0 > covered[0] > covered[1] > 0.7
+    assert all(0.7 < share < 1.0 for share in covered) and covered[0] != covered[1]
+    assert mine["points"]["completed"] > floor["points"]["completed"] == 2100
 
 
 def test_its_own_tests_pass_there(python: Path, example: Path) -> None:

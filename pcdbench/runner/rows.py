@@ -75,7 +75,8 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
             "direction": metric.direction,
             "summary": metric.summary,
             "main": metric is task.metrics[0],
-            "samples": samples.tolist(),
+            # Threads add up in any order: beyond nine digits the same cell differs from run to run.
+            "samples": [float(f"{value:.9g}") for value in samples],
         }
         labels = [str(label) for label in measurements.labels.get(name, ())]
         if labels:
