@@ -64,6 +64,7 @@ def started(folder: Path, tmp_path: Path, rows: int) -> subprocess.Popen:
 def test_killed_and_interrupted_runs_are_taken_up_and_give_the_same_rows(run, tmp_path):
     folder, whole = tmp_path / "killed", tmp_path / "whole"
     killed = started(folder, tmp_path, rows=3)
+    os.kill(killed.pid, signal.SIGSTOP)  # else a slow machine may find the run ended, and its folder free
     second = run(*SLOW, "--out", str(folder), code=2)
     assert second.stderr.startswith(f"pcdbench: {folder} is in use by another pcdbench; ")
     os.kill(killed.pid, signal.SIGKILL)
