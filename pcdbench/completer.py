@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcdbench import options as plugin_options
 from pcdbench.cloud import PointCloud
@@ -45,6 +46,20 @@ class Completer(ABC):
             rng: the only source of randomness; it is seeded from the cell's key, so that the same cell
                 gives the same cloud whatever ran before it.
         """
+
+    def complete_with_confidence(
+        self, cloud: PointCloud, rng: np.random.Generator
+    ) -> tuple[PointCloud, NDArray[np.floating[Any]] | None]:
+        """What `complete` returns, and how sure the completer is of each point of it, where it can say.
+
+        `pcdbench.complete` asks this way. Override it where the method knows its certainty, and let `complete`
+        return the first of the two.
+
+        Returns:
+            The completed cloud, and (N,) in [0, 1] for each of its points, best the probability that there is
+            surface about there; what it says of points of the input is not looked at. None where it cannot say.
+        """
+        return self.complete(cloud, rng), None
 
     def weights_digest(self) -> str | None:
         """SHA-256 of the weights in use, or None for a completer that learned nothing."""

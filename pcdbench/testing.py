@@ -35,7 +35,8 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
     It must return a cloud, give the same one for the same rng whatever it did before, leave its input alone,
     manage without colour (unless it declares `needs_color`) and with one point, two, a line, or many at one
     place (or raise `pcdbench.Skipped`), and keep millimetres in map coordinates of 10^6 m. Its options must
-    have defaults and descriptions.
+    have defaults and descriptions. If it knows its confidence, that is a number in [0, 1] for each point of the
+    same cloud.
 
     Args:
         completer: the class, built with its default options, or an instance.
@@ -66,6 +67,7 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
         return completer.complete(cloud, rng)
 
     result = _check_repeats(who, completed, cloud, other)
+    _check_confidence(who, completer, cloud, result)
     for name, tiny in _tiny_clouds(completer.needs_color):
         try:
             _require_cloud(f"{who} on {name}", completer.complete(tiny, np.random.default_rng(0)))
@@ -295,6 +297,21 @@ def _global_randomness(seed: int) -> Iterator[None]:
         yield
     finally:
         np.random.set_state(state)  # noqa: NPY002
+
+
+def _check_confidence(who: str, completer: Completer, cloud: PointCloud, result: PointCloud) -> None:
+    """Hold `complete_with_confidence` to the cloud that `complete` returned for the same rng."""
+    same, confidence = completer.complete_with_confidence(cloud, np.random.default_rng(0))
+    who = f"{who}.complete_with_confidence()"
+    _require(np.array_equal(same.points, result.points), f"{who} and complete() must return the same cloud")
+    if confidence is None:
+        return
+    _require(
+        np.shape(confidence) == (len(same),),
+        f"{who} must give one number a point, ({len(same)},), not {np.shape(confidence)}",
+    )
+    within = (np.asarray(confidence) >= 0) & (np.asarray(confidence) <= 1)
+    _require(bool(within.all()), f"{who} must stay in [0, 1]")
 
 
 def _require_cloud(who: str, result: object) -> PointCloud:

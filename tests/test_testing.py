@@ -108,6 +108,34 @@ def test_a_completer_that_writes_into_its_input_is_found_out() -> None:
         check_completer(completer(in_place))
 
 
+class Sure(Completer):
+    """Returns its input with a confidence; what exactly can be replaced."""
+
+    def __init__(self, confidence: Callable[[int], Any], moved_m: float = 0.0) -> None:
+        super().__init__()
+        self.confidence, self.moved_m = confidence, moved_m
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        return cloud
+
+    def complete_with_confidence(self, cloud: PointCloud, rng: np.random.Generator) -> Any:
+        return PointCloud(cloud.points + self.moved_m), self.confidence(len(cloud))
+
+
+@pytest.mark.parametrize(
+    ("completer", "says"),
+    [
+        (Sure(np.zeros, moved_m=0.1), "must return the same cloud"),
+        (Sure(lambda count: np.ones((count, 1))), "must give one number a point"),
+        (Sure(lambda count: np.full(count, np.nan)), r"must stay in \[0, 1\]"),
+    ],
+)
+def test_a_confidence_that_breaks_its_contract_is_told_how(completer: Completer, says: str) -> None:
+    check_completer(Sure(np.ones))
+    with pytest.raises(AssertionError, match=says):
+        check_completer(completer)
+
+
 def test_a_completer_that_wants_color_must_say_so() -> None:
     def gray(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         return PointCloud(cloud.points, cloud.colors.mean(axis=1, keepdims=True).repeat(3, axis=1))  # type: ignore[union-attr]

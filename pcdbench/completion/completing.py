@@ -157,7 +157,7 @@ def _assembled(
         kept = tiling.owned(tile, points)
         kept[kept] = _off_seams(points[kept], result.spacing_m[kept], tile, tiling, parts)
         seconded, asked = _opinions(tile, placed[tile], result, tiling, trees, results)
-        of_proposal = factors(result.evidence, seconded, asked)
+        of_proposal = factors(result.evidence, seconded, asked, result.own)
         parts[tile] = points[kept]
         parents, weights = result.parents[kept], result.weights[kept]
         trust.append(np.einsum("ap,ap->a", of_proposal.prod(axis=1)[parents], weights))

@@ -22,6 +22,7 @@ _REASON_OF_FACTOR = {
     "agreement": "what was added does not continue the surfaces around it",
     "enclosure": "added beyond the edge of what was observed",
     "opinions": "tiles or runs of the completer disagree about it",
+    "completer": "the completer itself is unsure of it",
 }
 OPEN = "a gap in a surface that the completer left open"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,7 @@ class TileResult:
         weights: (A, P) their shares, each row sums to 1.
         proposals: (K, 3) what the completer proposed that is new, as coarse as it worked.
         evidence: (K, 3) the factors of distance, agreement and enclosure.
+        own: (K,) the completer's own confidence, 1 where it has none.
         seconded: (K,) how many of the other runs put a point there too.
         asked: how many other runs there were.
         working_m: spacing of the cloud that the completer was given.
@@ -73,6 +75,7 @@ class TileResult:
     weights: NDArray[np.float64]
     proposals: NDArray[np.float64]
     evidence: NDArray[np.float64]
+    own: NDArray[np.float64]
     seconded: NDArray[np.int64]
     asked: int
     working_m: float
@@ -99,9 +102,9 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
         return None
 
     answers = [_new_points(completer, working, tree, working_spacing, task.seed, run) for run in range(task.runs)]
-    new = answers[0]
+    new, certainty = answers[0]
     seconded = np.zeros(len(new), np.int64)
-    for other in answers[1:]:
+    for other, _ in answers[1:]:
         if len(other) and len(new):
             gap, _ = cKDTree(other.points).query(new.points, workers=thread_count())
             seconded += gap <= AGREES_WITHIN * typical
@@ -133,6 +136,7 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
         weights=weights,
         proposals=new.points,
         evidence=evidence(new.points, normals[count:], working.points, normals[:count], typical, rng),
+        own=certainty,
         seconded=seconded,
         asked=task.runs - 1,
         working_m=typical,
@@ -164,11 +168,13 @@ def _new_points(
     working_spacing: NDArray[np.float64],
     seed: tuple[int, ...],
     run: int,
-) -> PointCloud:
-    """What the completer adds where nothing was observed: farther than about a spacing from every observed point."""
-    completed = completer.complete(working, np.random.default_rng(seed_from("complete", *seed, "run", run)))
+) -> tuple[PointCloud, NDArray[np.float64]]:
+    """What the completer adds where nothing was observed, about a spacing from every observed point, and how sure."""
+    rng = np.random.default_rng(seed_from("complete", *seed, "run", run))
+    completed, given = completer.complete_with_confidence(working, rng)
     if not isinstance(completed, PointCloud):
         raise PluginError(f"its complete() returned {type(completed).__name__}, not a PointCloud")
+    own = _own_confidence(given, len(completed))
     # Whoever keeps the input says himself what is new; who makes all points anew puts them between the old ones.
     count = len(working)
     keeps = np.array_equal(completed.points[:count], working.points)
@@ -176,11 +182,24 @@ def _new_points(
     low, high = working.points.min(axis=0), working.points.max(axis=0)
     margin = 0.1 * float((high - low).max())
     inside = ((completed.points >= low - margin) & (completed.points <= high + margin)).all(axis=1)
-    completed = completed.select(inside)
+    completed, own = completed.select(inside), own[inside]
     if not len(completed):
-        return completed
+        return completed, own
     gap, nearest = tree.query(completed.points, workers=thread_count())
-    return completed.select(gap > beyond * working_spacing[nearest])
+    new = gap > beyond * working_spacing[nearest]
+    return completed.select(new), own[new]
+
+
+def _own_confidence(given: NDArray[np.floating[Any]] | None, count: int) -> NDArray[np.float64]:
+    """(N,) what a completer says of its points; 1 of each where it says nothing."""
+    if given is None:
+        return np.ones(count)
+    own = np.asarray(given, np.float64)
+    if own.shape != (count,):
+        raise PluginError(f"its confidence has shape {own.shape}; one number a point is wanted, ({count},)")
+    if not ((own >= 0) & (own <= 1)).all():
+        raise PluginError("its confidence must lie in [0, 1] at every point")
+    return own
 
 
 def _nearest(tree: cKDTree, places: NDArray[np.float64], count: int) -> NDArray[np.int64]:

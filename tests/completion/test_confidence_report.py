@@ -11,6 +11,7 @@ from scipy.stats import spearmanr
 
 import pcdbench
 from pcdbench import Completer, PointCloud
+from pcdbench.completion import CompletionWarning
 from pcdbench.completion.confidence import factors
 from pcdbench.completion.evidence import evidence, gap_areas
 from pcdbench.completion.regions import regions_to_scan
@@ -68,9 +69,55 @@ def test_factors_are_what_the_formula_says():
     assert found[0, 2] == 1.0, "the middle of the hole is enclosed on all sides"
     assert 0.5 < found[2, 2] <= 0.75, "beyond the edge it is not"
     assert evidence(asked[:0], up[:0], observed, up, 0.05, np.random.default_rng(0)).shape == (0, 3)
-    whole = factors(found, np.array([0, 1, 2]), np.array([0, 1, 5]))
-    np.testing.assert_allclose(whole[:, 3], [1.0, 1.0, 0.5])
+    whole = factors(found, np.array([0, 1, 2]), np.array([0, 1, 5]), np.array([0.2, 1.0, 0.9]))
+    np.testing.assert_allclose(whole[:, 3:], [[1.0, 0.2], [1.0, 1.0], [0.5, 0.9]])
     np.testing.assert_array_equal(whole[:, :3], found)
+
+
+class Sure(Completer):
+    """Lays a floor, and is sure of its left half alone; what it says can be replaced."""
+
+    def __init__(self, says=None):
+        super().__init__()
+        self.says = says
+
+    def complete(self, cloud, rng):
+        return self.complete_with_confidence(cloud, rng)[0]
+
+    def complete_with_confidence(self, cloud, rng):
+        floor = Floor(0.08).complete(cloud, rng)
+        left = floor.points[:, 0] < (cloud.points[:, 0].min() + cloud.points[:, 0].max()) / 2
+        return floor, np.where(left, 1.0, 0.25) if self.says is None else self.says(len(floor))
+
+
+def test_what_the_completer_says_of_itself_lowers_the_confidence():
+    scan = without(hall(0.1, (6.0, 5.0), color=False), (3.0, 2.5, 0.0), 1.2)
+    middle = scan.points.min(axis=0)[0] + np.ptp(scan.points[:, 0]) / 2
+    unsure, silent = (pcdbench.complete(scan, completer, tile_m=20.0) for completer in (Sure(), Floor(0.08)))
+    np.testing.assert_array_equal(unsure.cloud.points, silent.cloud.points)
+    x = unsure.added_cloud.points[:, 0]
+    ratio = unsure.confidence[unsure.added] / silent.confidence[silent.added]
+    left, right = x < middle - 0.3, x > middle + 0.3
+    assert left.sum() > 100 and right.sum() > 100
+    np.testing.assert_allclose(ratio[left], 1.0, rtol=1e-5)
+    np.testing.assert_allclose(ratio[right], 0.25, rtol=1e-5)
+    reasons = {region.reason for region in regions_to_scan(unsure)} - {
+        region.reason for region in regions_to_scan(silent)
+    }
+    assert reasons == {"the completer itself is unsure of it"}
+
+
+@pytest.mark.parametrize(
+    ("says", "message"),
+    [
+        (lambda count: np.ones(count - 1), r"its confidence has shape \(\d+,\); one number a point"),
+        (lambda count: np.full(count, 1.01), r"must lie in \[0, 1\]"),
+        (lambda count: np.full(count, np.nan), r"must lie in \[0, 1\]"),
+    ],
+)
+def test_a_confidence_that_is_none_is_refused(says, message):
+    with pytest.warns(CompletionWarning), pytest.raises(pcdbench.PcdbenchError, match=message):
+        pcdbench.complete(hall(0.3, (4, 4), color=False), Sure(says))
 
 
 class Fickle(Completer):
