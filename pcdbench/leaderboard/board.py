@@ -1,0 +1,249 @@
+"""The board: what runs add up to, in one value that tables, figures, pages and the gate are made from.
+
+A board holds what was measured (cases, and cells with their samples) and what it adds up to (standings and
+comparisons), so that whatever shows it computes nothing anew. `board_file` keeps it as `leaderboard.json`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+from pcdbench.leaderboard.statistics import Estimate
+
+Status = Literal["ok", "failed", "timeout", "skipped"]
+
+
+@dataclass(frozen=True)
+class BoardData:
+    """A data set at one version and one of its splits.
+
+    Attributes:
+        scenes: digest of what decides a scene's content, by its name.
+    """
+
+    dataset: str
+    version: str
+    options: Mapping[str, Any]
+    split: str
+    scenes: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class BoardIncompleteness:
+    """A way in which points were taken away."""
+
+    name: str
+    version: str
+    options: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class BoardMetric:
+    """What a number of a task means; see `pcdbench.Metric`.
+
+    Attributes:
+        main: whether it is the task's first metric: the one that ranks.
+    """
+
+    name: str
+    unit: str
+    direction: Literal["lower", "higher"]
+    summary: Literal["median", "mean"]
+    main: bool
+
+
+@dataclass(frozen=True)
+class BoardTask:
+    """A task as it was measured; its main metric is the first."""
+
+    name: str
+    version: str
+    options: Mapping[str, Any]
+    metrics: tuple[BoardMetric, ...]
+
+
+@dataclass(frozen=True)
+class BoardCompleter:
+    """A completer with one set of options and weights.
+
+    Attributes:
+        label: what the board calls it, no two alike: its name, and what differs where the name is there twice.
+        reference: a row to measure against, never ranked.
+        weights: digest of its weights, or None.
+        card: its model card, or None.
+        saw_test: why it is flagged: which of the board's test scenes its card says it was trained on; empty
+            where it is not.
+    """
+
+    label: str
+    name: str
+    version: str
+    options: Mapping[str, Any]
+    reference: bool
+    weights: str | None = None
+    card: Mapping[str, Any] | None = None
+    saw_test: str = ""
+
+
+@dataclass(frozen=True)
+class BoardCase:
+    """A scene made incomplete.
+
+    Attributes:
+        data: index into `Board.data`.
+        level: the share asked for, 0 for pairs whose share is measured.
+        draw: number among the cases of this scene, incompleteness, level and seed.
+        seed: the seed of the run, as `pcdbench run --seed` takes it.
+        missing: the share that was missing, where it is known.
+    """
+
+    data: int
+    scene: str
+    incompleteness: str
+    level: float
+    draw: int
+    seed: int
+    missing: float | None
+
+
+@dataclass(frozen=True)
+class BoardResult:
+    """What a task found out about a cell.
+
+    Attributes:
+        key: the first 16 digits of the key of its row in `rows.jsonl`.
+        error: why there is nothing measured.
+        values: by metric, the mean of the case's samples; metrics without samples are left out.
+        samples: all samples of the main metric.
+    """
+
+    key: str
+    status: Status
+    error: str | None = None
+    values: Mapping[str, float] = field(default_factory=dict)
+    samples: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class BoardCell:
+    """One (case, completer) with its tasks.
+
+    Attributes:
+        case: index into `Board.cases`.
+        completer: label.
+        key: the first 16 digits of the cell's key.
+        run: index into `Board.runs`: where its cost was measured.
+        seconds, memory_mb: what completing cost; None where it never came to that, or is not known.
+        results: by task.
+    """
+
+    case: int
+    completer: str
+    key: str
+    run: int
+    seconds: float | None
+    memory_mb: float | None
+    results: Mapping[str, BoardResult]
+
+
+@dataclass(frozen=True)
+class BoardRun:
+    """Where rows came from.
+
+    Attributes:
+        facts: of `run.json`: time, git, machine, packages, workers.
+        calibration_seconds: time of the calibration job on that machine; None in runs from before it was measured.
+    """
+
+    facts: Mapping[str, Any]
+    calibration_seconds: float | None
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A completer's figures in one table: one (data, incompleteness, level, task, metric).
+
+    Attributes:
+        scenes, cases: how many were measured.
+        failed: failed and timed-out cases.
+        skipped: cases in which there was nothing to measure.
+        missing: mean share that was missing, NaN where it is not known.
+        median, p90, mean: over all samples, each with its 95 % interval; None where nothing was measured.
+        rank: 1 + the number of completers shown to be better (see `ranks`); None for references, for metrics that
+            are not the task's main one, and where nothing was measured.
+        seconds, memory_mb: medians of completing, NaN where they are not known.
+    """
+
+    data: int
+    incompleteness: str
+    level: float
+    task: str
+    metric: str
+    completer: str
+    scenes: int
+    cases: int
+    failed: int
+    skipped: int
+    missing: float
+    median: Estimate | None
+    p90: Estimate | None
+    mean: Estimate | None
+    rank: int | None
+    seconds: float
+    memory_mb: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A paired difference of two completers in one table, by its main metric.
+
+    Attributes:
+        difference: the metric's own statistic (median or mean) of `first` less that of `second`, over the same
+            cases, with its simultaneous 95 % interval over all pairs of the table.
+        cases: how many both were tried on.
+        better: the label of the one shown to be better, or None.
+    """
+
+    data: int
+    incompleteness: str
+    level: float
+    task: str
+    first: str
+    second: str
+    difference: Estimate
+    cases: int
+    better: str | None
+
+
+@dataclass(frozen=True)
+class Board:
+    """A leaderboard. Everything in it is sorted, so that equal runs give an equal board in whatever order they came.
+
+    Attributes:
+        completers: references first, then by label.
+        standings: by data, incompleteness, level, task, metric (the main one first), then in the order of `completers`.
+    """
+
+    name: str
+    data: tuple[BoardData, ...]
+    incompletenesses: tuple[BoardIncompleteness, ...]
+    tasks: tuple[BoardTask, ...]
+    completers: tuple[BoardCompleter, ...]
+    runs: tuple[BoardRun, ...]
+    cases: tuple[BoardCase, ...]
+    cells: tuple[BoardCell, ...]
+    standings: tuple[Standing, ...]
+    comparisons: tuple[Comparison, ...]
+
+    @cached_property
+    def completer_of(self) -> Mapping[str, BoardCompleter]:
+        """Completers by label."""
+        return {completer.label: completer for completer in self.completers}
+
+    @cached_property
+    def task_of(self) -> Mapping[str, BoardTask]:
+        """Tasks by name."""
+        return {task.name: task for task in self.tasks}
