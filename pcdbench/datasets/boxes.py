@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from pcdbench.scene import Box, TaggedObject
 
 SHARED_NAME = "boxes.json"
 OWN_SUFFIX = ".boxes.json"
+_FARTHEST_M = 1e10
 
 
 def boxes_file(cloud: Path) -> Path | None:
@@ -84,6 +84,7 @@ def _three(value: Any, where: str) -> NDArray[np.float64]:
 
 
 def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise CloudError(f"{where} holds {value!r}, which is not a finite number")
+    # NaN compares false; whole numbers of JSON may be too large for a float.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FARTHEST_M:
+        raise CloudError(f"{where} holds {repr(value)[:40]}, which is not a finite number below 10^10")
     return float(value)

@@ -16,6 +16,9 @@ from pcdbench.errors import CloudError
 _ROUNDING = 1e-3
 _COLOR_NAMES = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
 LARGEST_FLOAT32_ERROR_M = 5e-5
+# Compressed points that repeat each other take next to no room, and a small file could fill any memory. Real ones take
+# more than a byte each; files of fewer points than this are small whatever they hold.
+_ALWAYS_READ = 1_000_000
 
 # Further numbers of each point, by name: (N,) bool, uint8 or float32.
 Fields = Mapping[str, NDArray[Any]]
@@ -98,4 +101,17 @@ def require_bytes(path: Path, promised: int, count: int, present: int) -> None:
         raise CloudError(
             f"{path} is cut off: its header promises {count:,} points ({promised:,} bytes), "
             f"{present:,} bytes are there; copy it again"
+        )
+
+
+def require_density(path: Path, count: int) -> None:
+    """Refuse a compressed file that promises more points than it has bytes, before anything is unpacked.
+
+    Raises:
+        CloudError: where `count` is more than that, and more than a million.
+    """
+    if count > max(_ALWAYS_READ, path.stat().st_size):
+        raise CloudError(
+            f"{path}: its header promises {count:,} points, more than it has bytes; copy it again, or save it "
+            "uncompressed if it is right"
         )

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, color_bytes, require_bytes, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, color_bytes, require_density, unit_colors
+from pcdbench.formats.e57_xml import require_plain_xml
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -21,10 +22,12 @@ def read(path: Path) -> Columns:
     """The points of all scans in a file, colours where every scan has them; points marked invalid become NaN."""
     import pye57
 
+    require_plain_xml(path)
     file = pye57.E57(str(path))
     try:
         if not file.scan_count:
             raise CloudError(f"{path} has no scans (images alone, perhaps); export its points")
+        require_density(path, sum(file.get_header(index).point_count for index in range(file.scan_count)))
         scans = [_scan(file, index, path) for index in range(file.scan_count)]
     finally:
         file.close()
@@ -56,8 +59,6 @@ def _scan(file: Any, index: int, path: Path) -> Columns:
 
     header = file.get_header(index)
     fields, count = set(header.point_fields), header.point_count
-    # A point has at least a bit; libe57 checks the rest of the file by its checksums.
-    require_bytes(path, count // 8, count, path.stat().st_size)
     frame = next((names for names in (_CARTESIAN, _SPHERICAL) if fields.issuperset(names)), None)
     if frame is None:
         raise CloudError(f"{path}: scan {index} has neither cartesian nor spherical coordinates; export it again")

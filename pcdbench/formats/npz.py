@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, require_bytes, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, require_bytes, require_density, unit_colors
 
 # Deflate shrinks nothing to less than a 1032nd (zlib's own figure).
 _MOST_DEFLATED = 1032
@@ -20,14 +21,10 @@ _MOST_DEFLATED = 1032
 
 def read(path: Path) -> Columns:
     """The arrays `points` and `colors`; pickled objects are refused."""
-    if not zipfile.is_zipfile(path):
-        raise CloudError(f"{path} is not an NPZ file, or cut off; write it by numpy.savez(path, points=...)")
-    with zipfile.ZipFile(path) as archive:
-        members = {Path(name).stem: name for name in archive.namelist()}
-        if "points" not in members:
-            raise CloudError(f"{path} has no array 'points'; write it by numpy.savez(path, points=..., colors=...)")
-        points = _array(archive, members["points"], path)
-        colors = _array(archive, members["colors"], path) if "colors" in members else None
+    with _archive(path) as archive:
+        members = _members(archive, path)
+        points = _rows_of_three(archive, members["points"], path)
+        colors = _rows_of_three(archive, members["colors"], path) if "colors" in members else None
     if colors is not None and colors.shape != points.shape:
         raise CloudError(f"{path}: colors has shape {colors.shape}, points {points.shape}; they must be equal")
     return Columns(points.astype(np.float64), None if colors is None else unit_colors(colors, path))
@@ -35,9 +32,13 @@ def read(path: Path) -> Columns:
 
 def read_fields(path: Path) -> dict[str, NDArray[Any]]:
     """All other arrays of one number a point."""
-    with np.load(path, allow_pickle=False) as arrays:
-        count = len(arrays["points"])
-        return {name: arrays[name] for name in arrays.files if arrays[name].shape == (count,)}
+    with _archive(path) as archive:
+        members = _members(archive, path)
+        headers = {name: _shape_and_type(archive, member) for name, member in members.items()}
+        rows = headers["points"][0][:1]
+        names = [name for name, (shape, kind) in headers.items() if shape == rows and kind.kind in "biuf"]
+        require_density(path, len(names) * math.prod(rows))
+        return {name: _array(archive, members[name], path) for name in names}
 
 
 def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
@@ -49,16 +50,45 @@ def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool
         np.savez_compressed(stream, **arrays)
 
 
-def _array(archive: zipfile.ZipFile, member: str, path: Path) -> NDArray[Any]:
-    name = Path(member).stem
-    info = archive.getinfo(member)
+def _archive(path: Path) -> zipfile.ZipFile:
+    if not zipfile.is_zipfile(path):
+        raise CloudError(f"{path} is not an NPZ file, or cut off; write it by numpy.savez(path, points=...)")
+    return zipfile.ZipFile(path)
+
+
+def _members(archive: zipfile.ZipFile, path: Path) -> dict[str, str]:
+    """The arrays of a file by their names; `points` is among them."""
+    members = {Path(info.filename).stem: info for info in archive.infolist()}
+    if "points" not in members:
+        raise CloudError(f"{path} has no array 'points'; write it by numpy.savez(path, points=..., colors=...)")
+    # What else zip knows may ask for gigabytes to unpack a byte (LZMA's dictionary).
+    if any(info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for info in members.values()):
+        raise CloudError(f"{path} is packed as NumPy never packs; write it by numpy.savez_compressed")
+    return {name: info.filename for name, info in members.items()}
+
+
+def _rows_of_three(archive: zipfile.ZipFile, member: str, path: Path) -> NDArray[Any]:
+    shape, kind = _shape_and_type(archive, member)
+    if kind.kind not in "iuf" or len(shape) != 2 or shape[1] != 3:
+        raise CloudError(f"{path}: {Path(member).stem} must hold numbers of shape (N, 3), not {kind} of shape {shape}")
+    return _array(archive, member, path)
+
+
+def _shape_and_type(archive: zipfile.ZipFile, member: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
     with archive.open(member) as stream:
         version = npy.read_magic(stream)
         header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, _, kind = header(stream)
-    if kind.kind not in "iuf" or len(shape) != 2 or shape[1] != 3:
-        raise CloudError(f"{path}: {name} must hold numbers of shape (N, 3), not {kind} of shape {shape}")
-    present = min(info.file_size, _MOST_DEFLATED * min(info.compress_size, path.stat().st_size))
-    require_bytes(path, shape[0] * 3 * kind.itemsize, shape[0], present)
+    return shape, kind
+
+
+def _array(archive: zipfile.ZipFile, member: str, path: Path) -> NDArray[Any]:
+    """An array that cannot be larger than what its file may hold."""
+    info = archive.getinfo(member)
+    shape, kind = _shape_and_type(archive, member)
+    size = math.prod(shape) * kind.itemsize
+    packed = min(info.compress_size, path.stat().st_size)
+    require_bytes(path, size, shape[0] if shape else 0, min(info.file_size, _MOST_DEFLATED * packed))
+    require_density(path, shape[0] if shape else 0)
     with archive.open(member) as stream:
         return npy.read_array(stream, allow_pickle=False)

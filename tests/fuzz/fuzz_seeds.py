@@ -1,0 +1,122 @@
+"""Valid files to mutate: of every format, in every variant that its reader knows."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from pcdbench.cloud import PointCloud
+from pcdbench.formats import write_cloud
+
+_COUNT = 150
+
+
+def valid_clouds(folder: Path) -> list[Path]:
+    """Clouds of every format and variant, written into a folder."""
+    rng = np.random.default_rng(5)
+    points = rng.uniform(0, 5, (_COUNT, 3)).round(2)
+    cloud = PointCloud(points, rng.integers(0, 256, (_COUNT, 3)) / np.float32(255))
+    fields = {"added": rng.random(_COUNT) < 0.5, "confidence": rng.random(_COUNT).astype(np.float32)}
+    for extension in (".ply", ".pcd", ".xyz", ".csv", ".las", ".laz", ".npz"):
+        write_cloud(cloud, folder / f"fields{extension}", fields)
+    for extension in (".ply", ".pcd", ".txt", ".asc", ".las", ".laz", ".e57", ".npz"):
+        write_cloud(PointCloud(points), folder / f"plain{extension}")
+    write_cloud(cloud, folder / "colored.e57")
+    _write_texts(folder, points)
+    _write_lists(folder, points)
+    _write_packed_pcd(folder, points)
+    _write_layered_laz(folder, points)
+    _write_spherical_e57(folder, points)
+    return sorted(folder.iterdir())
+
+
+def _write_texts(folder: Path, points: np.ndarray) -> None:
+    rows = "".join(f"{x} {y} {z}\n" for x, y, z in points[:40])
+    header = "element vertex 40\n" + "".join(f"property float {name}\n" for name in "xyz")
+    (folder / "ascii.ply").write_text(f"ply\nformat ascii 1.0\ncomment one\n{header}end_header\n{rows}")
+    header = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nPOINTS 40\nDATA ascii\n"
+    (folder / "ascii.pcd").write_text(header + rows)
+    (folder / "counted.xyz").write_text("40\n" + rows)
+    (folder / "named.csv").write_text("// x;y;z;note\n" + rows.replace("\n", " 1\n").replace(" ", ";"))
+
+
+def _write_lists(folder: Path, points: np.ndarray) -> None:
+    header = "element face 5\nproperty list uchar int vertex_indices\nelement vertex 30\n"
+    header += "".join(f"property double {name}\n" for name in "xyz") + "property list int uchar seen\n"
+    body = (b"\3" + bytes(12)) * 5
+    body += b"".join(point.astype(">f8").tobytes() + b"\0\0\0\2ab" for point in points[:30])
+    (folder / "lists.ply").write_bytes(f"ply\nformat binary_big_endian 1.0\n{header}end_header\n".encode() + body)
+
+
+def _write_packed_pcd(folder: Path, points: np.ndarray) -> None:
+    """LZF of literal runs and of one long reference: PCL's binary_compressed."""
+    data = points[:30].astype("<f4").T.tobytes() + bytes(120)
+    literal = data[:-119]
+    packed = b"".join(bytes([len(part) - 1]) + part for part in _parts(literal, 32)) + bytes([7 << 5, 119 - 9, 0])
+    header = "FIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 30\nHEIGHT 1\nPOINTS 30\n"
+    sizes = np.array([len(packed), len(data)], "<u4").tobytes()
+    (folder / "packed.pcd").write_bytes(f"{header}DATA binary_compressed\n".encode() + sizes + packed)
+
+
+def _parts(data: bytes, length: int) -> list[bytes]:
+    return [data[start : start + length] for start in range(0, len(data), length)]
+
+
+def _write_layered_laz(folder: Path, points: np.ndarray) -> None:
+    """LAS 1.4 with colours and an extra dimension, as it is and compressed in layers."""
+    import laspy
+
+    header = laspy.LasHeader(version="1.4", point_format=7)
+    header.scales, header.offsets = np.full(3, 0.001), np.zeros(3)
+    header.add_extra_dim(laspy.ExtraBytesParams("height", np.float32))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.red = las.green = las.blue = np.arange(len(points), dtype=np.uint16) * 256
+    las["height"] = points[:, 2].astype(np.float32)
+    las.write(folder / "layered.las")
+    las.write(folder / "layered.laz", laz_backend=laspy.LazBackend.Lazrs)
+
+
+def _write_spherical_e57(folder: Path, points: np.ndarray) -> None:
+    """Scaled whole numbers and spherical coordinates with marked points: what scanners write."""
+    import pye57
+    from pye57 import libe57
+
+    image = pye57.E57(str(folder / "spherical.e57"), mode="w")
+    file = image.image_file
+    prototype = libe57.StructureNode(file)
+    for name in ("sphericalRange", "sphericalAzimuth", "sphericalElevation"):
+        prototype.set(name, libe57.ScaledIntegerNode(file, 0, -(2**20), 2**20, 1e-4, 0.0))
+    prototype.set("sphericalInvalidState", libe57.IntegerNode(file, 0, 0, 2))
+    scan = libe57.StructureNode(file)
+    scan.set("guid", libe57.StringNode(file, "{0}"))
+    vector = libe57.CompressedVectorNode(file, prototype, libe57.VectorNode(file, True))
+    scan.set("points", vector)
+    image.data3d.append(scan)
+    columns = {
+        "sphericalRange": points[:, 0].copy(),
+        "sphericalAzimuth": points[:, 1].copy() / 2,
+        "sphericalElevation": points[:, 2].copy() / 5,
+        "sphericalInvalidState": (np.arange(len(points)) % 3).astype(np.int16),
+    }
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in columns.items():
+        buffers.append(libe57.SourceDestBuffer(file, name, column, len(points), True, True))
+    writer = vector.writer(buffers)
+    writer.write(len(points))
+    writer.close()
+    image.close()
+
+
+def valid_boxes(folder: Path) -> list[Path]:
+    """Tagged objects, as boxes beside `scan.ply`."""
+    boxes = [
+        {"label": "chair", "min": [0, 0, 0], "max": [1.5, 1, 1]},
+        {"label": "table", "center": [1, 2, 3], "size": [1, 1, 1], "yaw_rad": 0.5},
+    ]
+    (folder / "list.boxes.json").write_text(json.dumps(boxes))
+    (folder / "instances.boxes.json").write_text(json.dumps({"instances": boxes}))
+    (folder / "named.boxes.json").write_text(json.dumps({"scan.ply": {"instances": boxes}}))
+    return sorted(folder.iterdir())
