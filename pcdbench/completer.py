@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -63,6 +64,15 @@ class Completer(ABC):
 
     def weights_digest(self) -> str | None:
         """SHA-256 of the weights in use, or None for a completer that learned nothing."""
+        return None
+
+    def model_card(self) -> Mapping[str, Any] | None:
+        """What made the weights in use, as JSON values, or None for a completer that learned nothing.
+
+        Leaderboards read `trained_on` of it: a list of what was seen in training, each a `dataset` (its name) and,
+        where that was not all of it, a `split` or `scenes` (names of scenes, or of environments, which begin the
+        names of theirs). A completer that saw a board's test scenes is flagged there.
+        """
         return None
 
 

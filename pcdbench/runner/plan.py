@@ -116,7 +116,8 @@ class Plan:
         """Everything that decides the run's rows, as JSON values."""
 
         def resolved(plugin: Plugin) -> dict[str, Any]:
-            return plugin.describe() | {"code": plugin.code}
+            card = {} if plugin.card is None else {"card": dict(plugin.card)}
+            return plugin.describe() | {"code": plugin.code} | card
 
         return {
             "dataset": resolved(self.dataset),

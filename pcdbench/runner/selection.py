@@ -38,6 +38,7 @@ class Plugin:
             completions cached before are not reused, and an old run is not taken up again.
         path: what follows the colon in `--dataset NAME:PATH`; where data lies decides no outcome.
         has_levels: of an incompleteness: whether `--level` applies.
+        card: a completer's model card, or None.
     """
 
     kind: Kind
@@ -49,6 +50,7 @@ class Plugin:
     code: str = ""
     path: str | None = None
     has_levels: bool = True
+    card: Mapping[str, Any] | None = None
 
     def describe(self) -> dict[str, Any]:
         """What a result row says about it."""
@@ -107,7 +109,7 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         path=path,
         has_levels=getattr(cls, "has_levels", True),
     )
-    return replace(plugin, weights=_weights(plugin, cls)) if kind == "completer" else plugin
+    return _with_weights(plugin, cls) if kind == "completer" else plugin
 
 
 def option_targets(options: Mapping[str, Mapping[str, str]], names: Mapping[Kind, Sequence[str]]) -> None:
@@ -160,13 +162,17 @@ def _check_class(kind: Kind, name: str, target: str, cls: Any) -> None:
         raise PluginError(f"task {name!r}: {target} declares no metrics; set `metrics`, the main one first")
 
 
-def _weights(plugin: Plugin, cls: Any) -> str | None:
+def _with_weights(plugin: Plugin, cls: Any) -> Plugin:
+    """The completer with its weights' digest and model card, which only an instance with these options knows."""
     import pcdbench
 
-    if cls.weights_digest is pcdbench.Completer.weights_digest:
-        return None
+    base = pcdbench.Completer
+    if cls.weights_digest is base.weights_digest and cls.model_card is base.model_card:
+        return plugin
     try:
-        return plugin.build().weights_digest()
+        built = plugin.build()
+        card = built.model_card()
+        return replace(plugin, weights=built.weights_digest(), card=None if card is None else dict(card))
     except PcdbenchError:
         raise
     except Exception as error:

@@ -1,0 +1,154 @@
+"""Rows of several runs as one set: what is there twice must agree, and what must not mix is an error."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.keys import canonical_json
+from pcdbench.leaderboard.summary import level_text
+from pcdbench.runner.store import RUN, read_rows, read_run
+
+# Machines round differently; what they measure of one key differs by less than this share of the value.
+AGREEMENT = 1e-3
+_DROPPED = ("trace", "detail", "output")
+
+
+@dataclass(frozen=True)
+class RunRows:
+    """A run's rows, without what boards do not use, and what `run.json` says of it."""
+
+    folder: Path
+    facts: Mapping[str, Any]
+    rows: Sequence[Mapping[str, Any]]
+
+    @property
+    def configuration(self) -> Mapping[str, Any]:
+        return self.facts["configuration"]
+
+    @property
+    def order(self) -> str:
+        """What sorts runs, wherever they lie and in whatever order they are named."""
+        return canonical_json([self.facts.get("time") or "", self.configuration])
+
+
+@dataclass(frozen=True)
+class MergedRow:
+    """A row, and which of the runs it is from."""
+
+    row: Mapping[str, Any]
+    run: int
+
+
+def read_runs(folders: Iterable[Path]) -> list[RunRows]:
+    """The runs in these folders; a folder that is none may hold some. Sorted, each once.
+
+    Raises:
+        PcdbenchError: where there is no run, one is damaged, or one has no rows.
+    """
+    found: dict[Path, RunRows] = {}
+    for folder in folders:
+        inner = sorted(path.parent for path in folder.glob(f"*/{RUN}")) if not (folder / RUN).exists() else []
+        for path in inner or [folder]:
+            if path.resolve() not in found:
+                found[path.resolve()] = _read(path)
+    return sorted(found.values(), key=lambda run: run.order)
+
+
+def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
+    """All rows of these runs, each key once, sorted.
+
+    Raises:
+        PcdbenchError: where two runs have other data, tasks or incompletenesses under one name, or two rows of one
+            key do not agree; it names both.
+    """
+    _refuse_other_versions(runs)
+    merged: dict[str, MergedRow] = {}
+    for number, run in enumerate(runs):
+        for row in run.rows:
+            one, other = MergedRow(row, number), merged.get(row["key"])
+            if other is None:
+                merged[row["key"]] = one
+                continue
+            difference = _difference(other.row, row)
+            if difference:
+                raise PcdbenchError(
+                    f"{runs[other.run].folder} and {run.folder} do not agree on {_place(row)}: {difference} "
+                    f"(key {row['key'][:16]}); leave one of them out, or find out which is right and run it again"
+                )
+            merged[row["key"]] = min(other, one, key=_precedence)
+    return [merged[key] for key in sorted(merged)]
+
+
+def _read(folder: Path) -> RunRows:
+    facts = read_run(folder)
+    if "configuration" not in facts:
+        raise PcdbenchError(f"{folder / RUN} has no configuration; run its command again into another folder")
+    rows = read_rows(folder)
+    for row in rows:
+        for name in _DROPPED:
+            row.pop(name, None)
+    if not rows:
+        raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
+    return RunRows(folder, facts, rows)
+
+
+def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
+    """Raise where one name stands for two things whose numbers must not stand beside one another."""
+    seen: dict[tuple[str, ...], tuple[str, Path]] = {}
+
+    def check(run: RunRows, kind: str, name: str, told: str) -> None:
+        before, folder = seen.setdefault((kind, name), (told, run.folder))
+        if before != told:
+            raise PcdbenchError(
+                f"{folder} has {kind} {name} at {before}, {run.folder} at {told}: their numbers do not mix; "
+                "build a board of each, or run one of them again"
+            )
+
+    for run in runs:
+        for row in run.rows:
+            dataset = row["dataset"]
+            check(run, "data set", dataset["name"], _told(dataset))
+            check(run, f"scene {row['scene']} of data set", dataset["name"], f"digest {dataset['digest'][:16]}")
+            check(run, "incompleteness", row["incompleteness"]["name"], _told(row["incompleteness"]))
+            check(run, "task", row["task"]["name"], _told(row["task"]))
+
+
+def _told(plugin: Mapping[str, Any]) -> str:
+    options = ", ".join(f"{name}={value}" for name, value in sorted(plugin["options"].items()))
+    return f"version {plugin['version']}" + (f" ({options})" if options else "")
+
+
+def _place(row: Mapping[str, Any]) -> str:
+    case = f"{row['scene']} ({row['incompleteness']['name']}, {level_text(row['level'])})"
+    return f"{row['task']['name']} of {row['completer']['name']} in {case}"
+
+
+def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> str:
+    """How two rows of one key differ by more than machines do; empty where they agree."""
+    outcomes = [_outcome(row) for row in (one, other)]
+    if outcomes[0] != outcomes[1]:
+        return f"{outcomes[0]} there, {outcomes[1]} here"
+    for name in sorted({**one["metrics"], **other["metrics"]}):
+        values, others = (row["metrics"].get(name, {}).get("samples", []) for row in (one, other))
+        if len(values) != len(others):
+            return f"{name} has {len(values)} samples there, {len(others)} here"
+        for value, its in zip(values, others, strict=True):
+            if not math.isclose(value, its, rel_tol=AGREEMENT, abs_tol=1e-9):
+                return f"{name} is {value:.6g} there, {its:.6g} here"
+    return ""
+
+
+def _outcome(row: Mapping[str, Any]) -> str:
+    """The status of a row; how something failed may differ between machines."""
+    return "failed" if row["status"] == "timeout" else row["status"]
+
+
+def _precedence(merged: MergedRow) -> str:
+    """What decides, of two rows that agree, in whatever order they came."""
+    row = merged.row
+    return canonical_json([row.get("time") or "", row.get("host") or "", row["metrics"], row.get("completing")])
