@@ -1,23 +1,87 @@
-"""How every worker process begins: with its share of threads, silent on standard output, gone with its parent.
+"""How every worker process begins: its share of threads, a process group and an end of its own, output apart.
 
 Nothing heavy is imported here: threads are limited before numpy is first imported.
 """
 
 from __future__ import annotations
 
+import ctypes
+import faulthandler
 import multiprocessing
 import os
+import signal
+import sys
 import threading
+import warnings
 from multiprocessing.process import BaseProcess
+from typing import Any, NoReturn, TextIO
 
 from pcdbench.threads import limit_threads
 
+_OUT_OF_MEMORY_SCORE = 500
+_LINE_BUFFERED = 1  # _IOLBF of stdio.h, on Linux and macOS
 
-def begin_worker(threads: int) -> None:
-    """Set up this process, a spawned worker, before it does anything else."""
+
+def begin_worker(threads: int, output: int | None = None) -> None:
+    """Set up this process, a spawned worker, before it does anything else.
+
+    Args:
+        threads: how many it may use.
+        output: a file descriptor that takes all that is printed, by native libraries too; standard error
+            unless given. Warnings meant for the user go to standard error in any case.
+    """
     limit_threads(threads)
+    console = os.fdopen(os.dup(2), "w", buffering=1)
     # Native libraries print to standard output, where the parent's tables and JSON go.
+    if output is not None:
+        os.dup2(output, 2)
     os.dup2(2, 1)
+    _flush_line_by_line()
+    _warn_in_one_line(console)
+    _die_as_a_group()
+    _be_killed_before_the_parent()
+
+
+def end_group(pid: int) -> None:
+    """Kill a worker and the processes that it started, at once."""
+    try:
+        os.killpg(pid, signal.SIGKILL)
+    except (ProcessLookupError, PermissionError):
+        return
+
+
+def _flush_line_by_line() -> None:
+    """What was printed before a crash must not be lost in a buffer."""
+    if sys.stdout is not None:
+        sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    try:
+        libc = ctypes.CDLL(None)
+        libc.setvbuf(ctypes.c_void_p.in_dll(libc, "stdout"), None, _LINE_BUFFERED, ctypes.c_size_t(0))
+    except (OSError, ValueError, AttributeError, TypeError):
+        return  # a system whose C library has other names
+
+
+def _warn_in_one_line(console: TextIO) -> None:
+    ordinary = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if category.__module__.partition(".")[0] == "pcdbench":
+            print(f"pcdbench: {message}", file=console)
+        else:
+            ordinary(message, category, *where)
+
+    warnings.showwarning = show  # type: ignore[assignment]
+
+
+def _die_as_a_group() -> None:
+    """This process leads a group: when it is ended, or its parent is gone, all it started goes with it."""
+    if os.getpgrp() != os.getpid():
+        os.setpgid(0, 0)
+    signal.signal(signal.SIGTERM, lambda *_: _end_own_group())
+    # A step that hangs is ended by SIGTERM: where it hung is printed first, native code that holds the
+    # interpreter notwithstanding.
+    faulthandler.enable(file=2)
+    faulthandler.register(signal.SIGTERM, file=2, chain=True)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -26,4 +90,18 @@ def begin_worker(threads: int) -> None:
 def _end_with(parent: BaseProcess) -> None:
     """End this process when its parent is gone, killed even."""
     parent.join()
+    _end_own_group()
+
+
+def _end_own_group() -> NoReturn:
+    os.killpg(0, signal.SIGKILL)
     os._exit(1)
+
+
+def _be_killed_before_the_parent() -> None:
+    """When memory runs out, Linux takes the worker, whose cell is at fault, and not the run."""
+    try:
+        with open("/proc/self/oom_score_adj", "w") as score:
+            score.write(str(_OUT_OF_MEMORY_SCORE))
+    except OSError:
+        return

@@ -39,7 +39,7 @@ def audit(
     """
     from pcdbench.leaderboard.audit import CEILING, FLOOR, TRUTH, audits
     from pcdbench.runner.plan import Request, default_split, plan
-    from pcdbench.runner.run import carry_out
+    from pcdbench.runner.run import carry_out, local_processes
 
     planned = plan(
         Request(
@@ -57,7 +57,7 @@ def audit(
     for name, reason in planned.left_out.items():
         typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
     try:
-        ended = carry_out(planned, out, jobs)
+        ended = carry_out(planned, out, local_processes(jobs))
     except KeyboardInterrupt:
         typer.echo("pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True)
         raise typer.Exit(130) from None

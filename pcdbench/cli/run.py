@@ -38,6 +38,9 @@ def run(
     level: Annotated[str, typer.Option(help="Shares of points to take away.")] = "0.1,0.3,0.5",
     seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
     jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds for making, completing or evaluating a case.")] = 600.0,
+    memory_limit: Annotated[float | None, typer.Option(help="GB a worker may hold, else no limit.")] = None,
+    retries: Annotated[int, typer.Option(help="How often a step is tried again whose worker died.")] = 1,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
     ] = None,
@@ -51,9 +54,11 @@ def run(
     does only what is missing.
     """
     from pcdbench.cli.results import print_summary
+    from pcdbench.runner.jobs import Limits
     from pcdbench.runner.plan import Request, plan
-    from pcdbench.runner.run import carry_out
+    from pcdbench.runner.run import carry_out, local_processes
 
+    executor = local_processes(jobs, Limits(timeout, memory_limit, retries))
     planned = plan(
         Request(
             completers=names(completer),
@@ -69,7 +74,7 @@ def run(
     for name, reason in planned.left_out.items():
         typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
     try:
-        ended = carry_out(planned, out, jobs)
+        ended = carry_out(planned, out, executor)
     except KeyboardInterrupt:
         typer.echo("pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True)
         raise typer.Exit(130) from None

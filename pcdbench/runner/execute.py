@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import platform
-import time
 import traceback
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
@@ -20,10 +18,9 @@ from pcdbench.keys import digest, seed_from
 from pcdbench.runner.completions import Completion, CompletionCache
 from pcdbench.runner.measuring import Cost
 from pcdbench.runner.plan import Cell
-from pcdbench.runner.rows import Row, new_row, samples_by_metric
+from pcdbench.runner.rows import Row, base_row, new_row, samples_by_metric
 from pcdbench.runner.selection import Plugin
 from pcdbench.task import Measurements, Task
-from pcdbench.threads import thread_count
 
 Stage = Literal["scene", "case", "completing", "evaluating"]
 _KEPT_SCENES = 2
@@ -41,6 +38,19 @@ class Failure(Exception):
     detail: str | None = None
 
 
+@dataclass(frozen=True)
+class Step:
+    """What a step of a cell gave.
+
+    Attributes:
+        facts: what is known by now of all rows of the cell.
+        rows: those that are finished.
+    """
+
+    facts: Row
+    rows: Sequence[Row] = ()
+
+
 class Executor:
     """Runs cells of one data set, one after the other; remembers the last scenes, cases and completers."""
 
@@ -51,12 +61,18 @@ class Executor:
 
     def rows(self, cell: Cell, tasks: Sequence[Plugin]) -> list[Row]:
         """One row for each task, whatever happens; nothing but KeyboardInterrupt is raised."""
-        base = self._base_row(cell)
+        return [row for step in self.steps(cell, tasks) for row in step.rows]
+
+    def steps(self, cell: Cell, tasks: Sequence[Plugin]) -> Iterator[Step]:
+        """A cell step by step: making its case, completing it, evaluating it by each task."""
+        base = base_row(self._dataset, cell)
         try:
             case = self.case(cell)
+            yield Step(base)
             completion, cached = self.completion(cell, case)
         except Failure as failure:
-            return [_failed_row(base, cell, task, failure) for task in tasks]
+            yield Step(base, [_failed_row(base, cell, task, failure) for task in tasks])
+            return
         base |= {
             "points": {
                 "complete": len(case.scene.complete),
@@ -67,7 +83,9 @@ class Executor:
             "completing": {key: completion.facts[key] for key in ("seconds", "peak_memory_mb")} | {"cached": cached},
             "device": completion.facts["device"],
         }
-        return [self._measured_row(base, cell, task, case, completion.cloud) for task in tasks]
+        yield Step(base)
+        for task in tasks:
+            yield Step(base, [self._measured_row(base, cell, task, case, completion.cloud)])
 
     def case(self, cell: Cell) -> Case:
         """The case of a cell.
@@ -134,14 +152,6 @@ class Executor:
         if isinstance(kept[key], Failure):
             raise kept[key]
         return kept[key]
-
-    def _base_row(self, cell: Cell) -> Row:
-        return {
-            "dataset": self._dataset.describe() | {"digest": cell.scene_digest},
-            "threads": thread_count(),
-            "host": platform.node(),
-            "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        }
 
 
 def completed(completer: Completer, case: Case, rng: np.random.Generator) -> Completion:

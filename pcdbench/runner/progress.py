@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from pcdbench.runner.pool import Job
+from pcdbench.runner.jobs import Job
 
 if TYPE_CHECKING:
     from pcdbench.runner.rows import Row

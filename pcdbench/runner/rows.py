@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import platform
+import time
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from pcdbench.errors import PluginError
 from pcdbench.runner.plan import Cell
 from pcdbench.runner.selection import Plugin
+from pcdbench.threads import thread_count
 
 if TYPE_CHECKING:
     from pcdbench.task import Measurements, Task
@@ -17,7 +20,7 @@ SCHEMA_VERSION = 1
 Row = dict[str, Any]
 
 # What may differ between two rows of one key: they say where and how fast it was computed, not what came out.
-CIRCUMSTANCES = ("completing", "evaluating", "device", "threads", "host", "time", "detail")
+CIRCUMSTANCES = ("completing", "evaluating", "device", "threads", "host", "time", "detail", "output")
 
 
 def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
@@ -37,6 +40,7 @@ def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
         "stage": None,
         "error": None,
         "detail": None,
+        "output": None,
         "metrics": {},
         "trace": {},
         "missing": None,
@@ -45,6 +49,16 @@ def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
         "evaluating": None,
         "device": None,
         **base,
+    }
+
+
+def base_row(dataset: Plugin, cell: Cell, threads: int | None = None) -> Row:
+    """What all rows of a cell say before anything is measured; `threads` is this process's share unless given."""
+    return {
+        "dataset": dataset.describe() | {"digest": cell.scene_digest},
+        "threads": thread_count() if threads is None else threads,
+        "host": platform.node(),
+        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
 import sys
 import time
@@ -11,8 +12,9 @@ from typing import Any
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.runner.completions import CompletionCache
+from pcdbench.runner.jobs import CellExecutor, Job, Limits
 from pcdbench.runner.plan import Plan
-from pcdbench.runner.pool import Job, run_jobs
+from pcdbench.runner.pool import LocalProcesses
 from pcdbench.runner.progress import RunProgress
 from pcdbench.runner.provenance import provenance
 from pcdbench.runner.rows import Row
@@ -42,32 +44,33 @@ class Run:
         return [row for row in self.rows if row["status"] not in ("ok", "skipped")]
 
 
-def carry_out(plan: Plan, folder: Path | None = None, workers: int | None = None) -> Run:
+def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | None = None) -> Run:
     """Run the cells of `plan` that the folder has no finished rows of; rows that failed are tried again.
 
     Args:
         folder: `runs/<data set>-<split>-<digest of the configuration>` unless given.
-        workers: local worker processes; one for each core unless given.
+        executor: where cells run; `local_processes()` unless given.
 
     Raises:
         PcdbenchError: where the folder cannot be used or not one scene could be.
     """
     folder = RUNS / plan.folder_name if folder is None else folder
-    count = thread_count() if workers is None else workers
-    if count < 1:
-        raise PcdbenchError(f"--jobs {count} must be at least 1")
+    executor = local_processes() if executor is None else executor
     facts: dict[str, Any] = {
         "command": shlex.join(["pcdbench", *sys.argv[1:]]),
         "dataset_path": plan.dataset.path,
         "left_out": dict(plan.left_out),
-        "workers": count,
+        "workers": executor.workers,
         "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         **provenance(),
     }
     with RunStore(folder, plan.configuration, facts) as store:
         jobs = missing_jobs(plan, store.finished_keys())
-        with RunProgress(jobs, count) as progress:
-            for job, rows in run_jobs(jobs, plan.dataset, count):
+        with (
+            RunProgress(jobs, executor.workers) as progress,
+            contextlib.closing(executor.run(jobs, plan.dataset)) as results,
+        ):
+            for job, rows in results:
                 store.append(rows)
                 progress.done(job, rows)
         if jobs:
@@ -79,6 +82,18 @@ def carry_out(plan: Plan, folder: Path | None = None, workers: int | None = None
             f"no scene of {plan.dataset.name} can be used: {rows[0]['scene']}{others}: {rows[0]['error']}"
         )
     return Run(plan, folder, rows, len(jobs))
+
+
+def local_processes(workers: int | None = None, limits: Limits | None = None) -> LocalProcesses:
+    """Worker processes of this machine, one for each core unless `workers` says how many.
+
+    Raises:
+        PcdbenchError: for less than one.
+    """
+    count = thread_count() if workers is None else workers
+    if count < 1:
+        raise PcdbenchError(f"--jobs {count} must be at least 1")
+    return LocalProcesses(count, limits or Limits())
 
 
 def missing_jobs(plan: Plan, finished: set[str]) -> list[Job]:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner.jobs import Job, JobQueue
 from pcdbench.runner.plan import Request, plan
-from pcdbench.runner.pool import Job, _give_next, _queues, run_jobs
 from pcdbench.runner.progress import RemainingTime, duration
 from pcdbench.runner.rows import CIRCUMSTANCES
-from pcdbench.runner.run import carry_out
+from pcdbench.runner.run import carry_out, local_processes
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 TINY = Request(["tiny_fill"], ["tiny_gap", "tiny_color"], "tiny", None, ["slab"], references=False)
@@ -27,77 +27,66 @@ def own_cache(tmp_path, monkeypatch):
 
 def test_any_number_of_workers_gives_the_same_rows(tmp_path, monkeypatch):
     planned = plan(replace(TINY, references=True))
-    alone = carry_out(planned, tmp_path / "one", 1)
+    alone = carry_out(planned, tmp_path / "one", local_processes(1))
     monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache2"))
-    together = carry_out(planned, tmp_path / "two", 2)
+    together = carry_out(planned, tmp_path / "two", local_processes(2))
     assert len(alone.rows) == 3 * 3 * 4 * 2
     assert outcome(alone.rows) == outcome(together.rows)
     assert {row["completing"]["cached"] for row in together.rows} == {False}
-    assert carry_out(planned, tmp_path / "two", 2).new_cells == 0
+    assert carry_out(planned, tmp_path / "two", local_processes(2)).new_cells == 0
 
 
 def test_a_crash_costs_its_own_cell_and_the_rest_goes_on(tmp_path):
     request = replace(TINY, completers=["tiny_faulty", "tiny_fill"])
     planned = plan(replace(request, options=["tiny_faulty.how=crash", "tiny_faulty.level=0.4", "tiny.scenes=2"]))
-    ended = carry_out(planned, tmp_path / "run", 2)
+    ended = carry_out(planned, tmp_path / "run", local_processes(2))
     assert len(ended.rows) == 2 * 3 * 2 * 2
     failed = {(row["completer"]["name"], row["level"], row["status"], row["stage"]) for row in ended.failed}
-    assert failed == {("tiny_faulty", 0.5, "failed", "worker")}
-    assert len(ended.failed) == 4 and "the worker process died (exit code -11)" in ended.failed[0]["error"]
+    assert failed == {("tiny_faulty", 0.5, "failed", "completing")}
+    assert len(ended.failed) == 4 and "died of SIGSEGV" in ended.failed[0]["error"]
 
 
 def test_failed_rows_are_tried_again_and_others_are_not(tmp_path):
     mark = tmp_path / "mark"
     options = ["tiny_faulty.how=once", f"tiny_faulty.mark={mark}", "tiny.scenes=1"]
     planned = plan(replace(TINY, completers=["tiny_faulty", "tiny_fill"], options=options))
-    first = carry_out(planned, tmp_path / "run", 1)
+    first = carry_out(planned, tmp_path / "run", local_processes(1))
     assert (first.new_cells, len(first.failed)) == (6, 6)
     mark.touch()
-    second = carry_out(planned, tmp_path / "run", 1)
+    second = carry_out(planned, tmp_path / "run", local_processes(1))
     assert (second.new_cells, len(second.failed), len(second.rows)) == (3, 0, 12)
 
 
 def test_not_one_usable_scene_is_an_error_that_names_the_first(tmp_path):
     planned = plan(replace(TINY, options=["tiny.broken=all"]))
     with pytest.raises(PcdbenchError, match=r"no scene of tiny can be used: box\d \(and 2 more\): .*scan it again"):
-        carry_out(planned, tmp_path / "run", 1)
+        carry_out(planned, tmp_path / "run", local_processes(1))
 
 
 def test_no_workers_is_an_error(tmp_path):
     with pytest.raises(PcdbenchError, match="--jobs 0"):
-        carry_out(plan(TINY), tmp_path / "run", 0)
+        carry_out(plan(TINY), tmp_path / "run", local_processes(0))
 
 
 def test_workers_limit_their_threads(tmp_path):
     planned = plan(replace(TINY, options=["tiny.scenes=1"], levels=[0.1]))
     jobs = [Job(cell, planned.tasks) for cell in planned.cells]
-    ((_, rows),) = run_jobs(jobs, planned.dataset, 64)
+    ((_, rows),) = local_processes(64).run(jobs, planned.dataset)
     assert {row["threads"] for row in rows} == {1}
-
-
-class _RecordingLane:
-    def __init__(self):
-        self.scene, self.jobs = "", []
-
-    def start(self, job):
-        self.jobs.append(job.cell)
-        return (id(self), len(self.jobs))
 
 
 def test_a_worker_stays_with_its_scene_then_helps_with_the_longest():
     planned = plan(replace(TINY, completers=["tiny_fill", "tiny_colorful"], options=["tiny.scenes=2"]))
-    queues = _queues([Job(cell, planned.tasks) for cell in planned.cells])
-    fast, slow = _RecordingLane(), _RecordingLane()
-    running = {}
-    _give_next(fast, queues, running)
-    _give_next(slow, queues, running)
-    for _ in range(7):
-        running = {future: its for future, its in running.items() if its[0] is not fast}
-        _give_next(fast, queues, running)
-    assert [cell.scene for cell in fast.jobs] == ["box0"] * 6 + ["box1"] * 2
-    assert [cell.scene for cell in slow.jobs] == ["box1"]
-    levels = [cell.level for cell in fast.jobs[:6]]
+    queue = JobQueue([Job(cell, planned.tasks) for cell in planned.cells])
+    fast, slow = [queue.take("fast").cell], [queue.take("slow").cell]
+    fast += [queue.take("fast").cell for _ in range(7)]
+    assert [cell.scene for cell in fast] == ["box0"] * 6 + ["box1"] * 2
+    assert [cell.scene for cell in slow] == ["box1"]
+    levels = [cell.level for cell in fast[:6]]
     assert levels == sorted(levels), "cells of a case follow one another"
+    rest = [queue.take("slow").cell for _ in range(3)]
+    assert queue.take("slow") is None
+    assert {cell.key for cell in [*fast, *slow, *rest]} == {cell.key for cell in planned.cells}
 
 
 def test_time_left_counts_each_completer_at_its_own_pace():

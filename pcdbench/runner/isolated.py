@@ -1,0 +1,277 @@
+"""A worker process that does cells step by step: whatever ends it costs the step it was at, and nothing else.
+
+Nothing heavy is imported here: a worker limits its threads before numpy is first imported.
+"""
+
+from __future__ import annotations
+
+import faulthandler
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import wait
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any, Literal
+
+from pebble import ProcessExpired, ProcessPool
+
+from pcdbench.runner.jobs import Job, Limits
+from pcdbench.runner.measuring import resident_bytes
+from pcdbench.runner.output import Output, clear, last_lines
+from pcdbench.runner.selection import Plugin
+from pcdbench.workers import begin_worker, end_group
+
+if TYPE_CHECKING:
+    from pcdbench.runner.execute import Executor, Step
+    from pcdbench.runner.rows import Row
+
+_LOOK_EVERY_SECONDS = 0.1
+# Pebble does not tell of a worker that ended with exit code 0 in mid-step; by then its pid has been gone for long.
+_LOOKS_UNTIL_LOST = 10
+_LAST_RESORT_SECONDS = 30.0
+_STDERR = 2
+
+
+class Stopped(Exception):
+    """The worker was told to stop."""
+
+
+@dataclass(frozen=True)
+class Death:
+    """How a step ended that gave no answer.
+
+    Attributes:
+        crash: the process died of itself; another attempt may go better.
+        worn: it may be the fault of what the process did before: only a new one's death counts.
+    """
+
+    error: str
+    status: Literal["failed", "timeout"] = "failed"
+    crash: bool = False
+    worn: bool = False
+    output: str | None = None
+
+
+@dataclass
+class Attempt:
+    """A job as far as one process came with it.
+
+    Attributes:
+        stage: where it is, or ended.
+        facts: what all rows of the cell say by now.
+    """
+
+    facts: Row
+    stage: str = "worker"
+    rows: list[Row] = field(default_factory=list)
+    death: Death | None = None
+
+
+class IsolatedWorker:
+    """Runs jobs of one data set in a process of its own, which is replaced when it dies.
+
+    One thread uses it; `stop` alone may be called by another.
+
+    Args:
+        dataset: of all jobs.
+        threads: how many the process may use.
+        limits: of each step.
+    """
+
+    def __init__(self, dataset: Plugin, threads: int, limits: Limits) -> None:
+        self._dataset = dataset
+        self._threads = threads
+        self._limits = limits
+        self._output = Output()
+        self._pool: ProcessPool | None = None
+        self._pid = 0
+        self._used = False
+        self._stopped = threading.Event()
+        self._last_scene = ""
+        self._lost_scenes: dict[str, Death] = {}
+
+    def rows(self, job: Job) -> list[Row]:
+        """One row for each task of the job, whatever happens to the process.
+
+        Raises:
+            Stopped: after `stop`.
+        """
+        rows: list[Row] = []
+        deaths = 0
+        while left := job.tasks[len(rows) :]:
+            attempt = self._attempt(Job(job.cell, left))
+            rows += attempt.rows
+            death = attempt.death
+            if death is None or death.worn:
+                continue
+            deaths = 1 if attempt.rows else deaths + 1
+            if death.crash and deaths <= self._limits.retries:
+                continue
+            if attempt.stage == "scene":
+                self._lost_scenes[job.cell.scene] = death
+            culprits = left[len(attempt.rows) :][: 1 if attempt.stage == "evaluating" else None]
+            rows += _failed_rows(job, culprits, attempt, deaths)
+            deaths = 0
+        return rows
+
+    def stop(self) -> None:
+        """End the process at once; whoever waits for its rows gets `Stopped`."""
+        self._stopped.set()
+        if self._pid:
+            end_group(self._pid)
+
+    def close(self) -> None:
+        """End the process and all that it started."""
+        pool, self._pool = self._pool, None
+        if pool is None:
+            return
+        if self._pid:
+            end_group(self._pid)
+        self._pid = 0
+        pool.stop()
+        pool.join()
+
+    def _attempt(self, job: Job) -> Attempt:
+        """Do the job step by step until it is done, or the process is dead and gone."""
+        from pcdbench.runner.rows import base_row
+
+        attempt = Attempt(base_row(self._dataset, job.cell, self._threads))
+        scene = job.cell.scene
+        if scene in self._lost_scenes:
+            attempt.stage, attempt.death = "scene", self._lost_scenes[scene]
+            return attempt
+        making = "case" if self._last_scene == scene else "scene"
+        if self._pool is None:
+            attempt.death = self._start()
+        for stage in (making, "completing", *["evaluating"] * len(job.tasks)):
+            if attempt.death is not None:
+                self.close()
+                break
+            if len(attempt.rows) == len(job.tasks):
+                break
+            attempt.stage = stage
+            answer = self._ask(_step, job if stage == making else None, timeout_seconds=self._limits.timeout_seconds)
+            if isinstance(answer, Death):
+                attempt.death = answer
+                continue
+            self._used, self._last_scene = True, scene
+            attempt.facts = answer.facts
+            attempt.rows += answer.rows
+        return attempt
+
+    def _start(self) -> Death | None:
+        arguments = (self._dataset, self._threads, self._limits.timeout_seconds, self._output.handle)
+        self._pool = ProcessPool(1, initializer=_begin, initargs=arguments, context=get_context("spawn"))
+        self._used, self._last_scene = False, ""
+        answer = self._ask(os.getpid)
+        if isinstance(answer, Death):
+            return answer
+        self._pid = answer
+        return None
+
+    def _ask(self, function: Callable[..., Any], *arguments: Any, timeout_seconds: float | None = None) -> Any:
+        """What a function gives in the process, or the `Death` of the process."""
+        if self._stopped.is_set() or self._pool is None:
+            raise Stopped
+        limit_gb = self._limits.memory_gb
+        over = False
+        looks_lost = 0
+        future = self._pool.schedule(function, args=arguments, timeout=timeout_seconds)
+        while not wait([future], _LOOK_EVERY_SECONDS).done:
+            self._output.clip()
+            if limit_gb is not None and self._pid and resident_bytes(self._pid) > limit_gb * 1e9:
+                over = True
+                end_group(self._pid)
+            looks_lost = looks_lost + 1 if self._pid and not _is_there(self._pid) else 0
+            if looks_lost > _LOOKS_UNTIL_LOST or self._stopped.is_set():
+                break
+        if self._stopped.is_set():
+            raise Stopped
+        if over:
+            limit = f"its worker took more than {limit_gb:g} GB of memory (--memory-limit)"
+            return self._death(limit, worn=self._used)
+        try:
+            return future.result(timeout=0)
+        except ProcessExpired as expired:
+            return self._death(_ending(expired.exitcode), crash=True)
+        except TimeoutError:
+            if looks_lost:
+                return self._death(_ending(0), crash=True)
+            return self._death(f"no answer after {timeout_seconds:g} s (--timeout)", status="timeout")
+        except BaseException as error:
+            return self._death(f"its worker process failed: {type(error).__name__}: {error}", crash=True)
+
+    def _death(self, error: str, **how: Any) -> Death:
+        return Death(error, output=self._output.last_lines(), **how)
+
+
+def _failed_rows(job: Job, tasks: Sequence[Plugin], attempt: Attempt, deaths: int) -> list[Row]:
+    from pcdbench.runner.rows import new_row
+
+    assert attempt.death is not None
+    failed = {
+        "status": attempt.death.status,
+        "stage": attempt.stage,
+        "error": attempt.death.error + (f", {deaths} times" if deaths > 1 else ""),
+        "output": attempt.death.output,
+    }
+    return [new_row(attempt.facts, job.cell, task) | failed for task in tasks]
+
+
+def _ending(exitcode: int | None) -> str:
+    """How a process died, for people."""
+    if exitcode is None or exitcode >= 0:
+        return f"its worker process ended itself (exit code {exitcode})"
+    try:
+        name = signal.Signals(-exitcode).name
+    except ValueError:
+        name = f"signal {-exitcode}"
+    cause = "out of memory, most likely" if exitcode == -signal.SIGKILL else "a crash in native code"
+    return f"its worker process died of {name}: {cause}"
+
+
+def _is_there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+# From here on: in the worker process.
+
+_executor: Executor | None = None
+_steps: Iterator[Step] = iter(())
+_begun: tuple[Plugin, float]
+
+
+def _begin(dataset: Plugin, threads: int, timeout_seconds: float, output: Connection) -> None:
+    global _begun
+    begin_worker(threads, output.fileno())
+    _begun = (dataset, timeout_seconds)
+
+
+def _step(job: Job | None) -> Step:
+    """The next step of the job at hand, or the first one of `job`."""
+    global _executor, _steps
+    if _executor is None:
+        from pcdbench.runner.completions import CompletionCache
+        from pcdbench.runner.execute import Executor
+
+        _executor = Executor(_begun[0], CompletionCache())
+    if job is not None:
+        clear(_STDERR)
+        _steps = _executor.steps(job.cell, job.tasks)
+    # Where the parent is gone and native code hangs, nobody else ends this process.
+    faulthandler.dump_traceback_later(_begun[1] + _LAST_RESORT_SECONDS, exit=True, file=_STDERR)
+    try:
+        step = next(_steps)
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+    for row in step.rows:
+        if row["status"] == "failed":
+            row["output"] = last_lines(_STDERR)
+    return step
