@@ -43,10 +43,8 @@ class View:
     def html(self) -> str:
         """A whole page that needs nothing else: no network, no file beside it."""
         assets = viewer_assets()
-        policy = f"default-src 'none'; script-src {_hash(_script())}; style-src {_hash(_file('viewer.css'))} "
-        policy += f"{_hash(_file('page.css'))}; img-src data:"
         return Template(_file("page.html")).substitute(
-            policy=policy,
+            policy=page_policy([viewer_style(), _file("page.css")], [viewer_script()]),
             version=__version__,
             title=escape(self.title),
             style=_file("page.css"),
@@ -119,14 +117,34 @@ def view(
 
 def viewer_assets() -> str:
     """The style and the script of the viewer, once for each page, however many viewers it has."""
-    return f"<style>{_file('viewer.css')}</style>\n<script>{_script()}</script>"
+    return f"<style>{viewer_style()}</style>\n<script>{viewer_script()}</script>"
+
+
+def viewer_style() -> str:
+    """The style of the viewer alone, as `viewer_assets` has it."""
+    return _file("viewer.css")
+
+
+@cache
+def viewer_script() -> str:
+    """The script of the viewer alone, as `viewer_assets` has it; its names stay out of the page that it is put into."""
+    return f'(() => {{\n"use strict";\n{_file("renderer.js")}\n{_file("viewer.js")}}})();'
+
+
+def page_policy(styles: Sequence[str], scripts: Sequence[str]) -> str:
+    """A content security policy: these styles and scripts alone, nothing from anywhere else."""
+    allowed = f"script-src {' '.join(map(_hash, scripts))}; style-src {' '.join(map(_hash, styles))}"
+    return f"default-src 'none'; {allowed}; img-src data:"
+
+
+def embedded_json(content: Any) -> str:
+    """JSON to stand within a script element, where nothing is escaped: no "<" of a string begins a tag."""
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
 
 def viewer_element(shown: Sequence[Shown], title: str) -> str:
     """A viewer to put anywhere into a page that has `viewer_assets()`."""
     content = payload(shown)
-    # In a script element nothing is escaped: a "<" inside JSON strings must not begin a tag.
-    packed = json.dumps(content, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     panels = "\n".join(_panel(its) for its in shown)
     return Template(_file("viewer.html")).substitute(
         title=escape(title),
@@ -136,7 +154,7 @@ def viewer_element(shown: Sequence[Shown], title: str) -> str:
         top=f"{content['top_m']:.4f}",
         cut=f"{content['top_m'] if content['cut_m'] is None else content['cut_m']:.4f}",
         panels=panels,
-        data=packed,
+        data=embedded_json(content),
     )
 
 
@@ -197,12 +215,6 @@ def _legend(mode: str, content: Mapping[str, Any], shown: Sequence[Shown]) -> st
 
 def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-@cache
-def _script() -> str:
-    """The whole script; its names stay out of the page that it is put into."""
-    return f'(() => {{\n"use strict";\n{_file("renderer.js")}\n{_file("viewer.js")}}})();'
 
 
 @cache

@@ -89,13 +89,19 @@ class Renderer {
     cloud.array = gl.createVertexArray();
     cloud.colorBuffer = gl.createBuffer();
     gl.bindVertexArray(cloud.array);
-    gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
+    cloud.positionBuffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, cloud.positionBuffer);
     gl.bufferData(gl.ARRAY_BUFFER, cloud.positions, gl.STATIC_DRAW);
     gl.enableVertexAttribArray(0);
     gl.vertexAttribPointer(0, 3, gl.UNSIGNED_SHORT, true, 8, 0);
     gl.bindBuffer(gl.ARRAY_BUFFER, cloud.colorBuffer);
     gl.enableVertexAttribArray(1);
     gl.vertexAttribPointer(1, 3, gl.UNSIGNED_BYTE, true, 4, 0);
+  }
+
+  release(cloud) {
+    this.gl.deleteVertexArray(cloud.array);
+    for (const buffer of [cloud.positionBuffer, cloud.colorBuffer]) this.gl.deleteBuffer(buffer);
   }
 
   recolor(cloud, colors) {

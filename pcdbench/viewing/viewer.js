@@ -77,11 +77,17 @@ class Viewer {
     for (const bar of element.querySelectorAll("canvas[data-map]")) drawBar(bar, this.maps[bar.dataset.map]);
     this.upload();
     this.connectControls();
-    const resized = new ResizeObserver(() => this.draw());
+    this.resized = new ResizeObserver(() => this.draw());
     for (const { canvas } of this.panels) {
       connectPointers(canvas, this.camera, () => this.drawMoving());
-      resized.observe(canvas);
+      this.resized.observe(canvas);
     }
+  }
+
+  release() {
+    clearTimeout(this.resting);
+    this.resized.disconnect();
+    for (const { cloud } of this.panels) this.renderer.release(cloud);
   }
 
   upload() {
@@ -251,10 +257,16 @@ function unpacked(packed) {
   return { count, positions, rgb: optional("rgb"), added: optional("added"), distance: optional("distance") };
 }
 
+let renderer = null;
+
+/** Starts the viewers that have not been started, and lets go of those that have left the page. */
 function start() {
   const elements = [...document.querySelectorAll(".pcdbench-viewer:not([data-started])")];
   if (!elements.length) return;
-  const renderer = new Renderer();
+  renderer ??= new Renderer();
+  const gone = renderer.viewers.filter((viewer) => !viewer.element.isConnected);
+  for (const viewer of gone) viewer.release();
+  renderer.viewers = renderer.viewers.filter((viewer) => !gone.includes(viewer));
   for (const element of elements) {
     element.dataset.started = renderer.gl ? "yes" : "no";
     if (renderer.gl) renderer.viewers.push(new Viewer(element, renderer));
@@ -262,5 +274,7 @@ function start() {
   }
 }
 
+// A page that puts in a viewer later says so by this event.
+document.addEventListener("pcdbench-viewers", start);
 if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", start);
 else start();
