@@ -6,9 +6,10 @@ a bootstrap draws scenes with replacement and takes all samples of each.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,14 +46,8 @@ def estimates(samples: NDArray[np.float64], scenes: NDArray[np.int64]) -> Mappin
     count = int(scenes.max()) + 1
     if count < 2:
         return {name: Estimate(float(value), np.nan, np.nan) for name, value in values.items()}
-    weights = scene_weights(count)
-    sums = np.bincount(scenes, samples, minlength=count)
-    sizes = np.bincount(scenes, minlength=count)
-    drawn = {
-        "median": _resampled_quantile(samples, scenes, weights, 0.5),
-        "p90": _resampled_quantile(samples, scenes, weights, 0.9),
-        "mean": (weights @ sums) / (weights @ sizes),
-    }
+    median, p90 = _resampled_quantiles(samples, scenes, count, (0.5, 0.9))
+    drawn = {"median": median, "p90": p90, "mean": _resampled_means(samples, scenes, count)}
     return {name: _estimate(float(value), drawn[name]) for name, value in values.items()}
 
 
@@ -63,8 +58,22 @@ def mean_estimate(samples: NDArray[np.float64], scenes: NDArray[np.int64]) -> Es
     count = int(scenes.max()) + 1
     if count < 2:
         return Estimate(value, np.nan, np.nan)
-    weights = scene_weights(count)
-    return _estimate(value, (weights @ np.bincount(scenes, samples)) / (weights @ np.bincount(scenes)))
+    return _estimate(value, _resampled_means(samples, scenes, count))
+
+
+def resampled(
+    samples: NDArray[np.float64], scenes: NDArray[np.int64], statistic: Literal["median", "mean"]
+) -> NDArray[np.float64]:
+    """(RESAMPLES,) a statistic of each resample; arguments as of `estimates`, with at least two scenes.
+
+    Resample r draws the same scenes whatever is measured: differences of two completers' are paired.
+    """
+    order = np.argsort(samples, kind="stable")
+    samples, (_, scenes) = samples[order], np.unique(scenes[order], return_inverse=True)
+    count = int(scenes.max()) + 1
+    if statistic == "mean":
+        return _resampled_means(samples, scenes, count)
+    return _resampled_quantiles(samples, scenes, count, (0.5,))[0]
 
 
 @lru_cache(maxsize=8)
@@ -74,33 +83,69 @@ def scene_weights(count: int, resamples: int = RESAMPLES) -> NDArray[np.int32]:
     return drawn.astype(np.int32)
 
 
-def _resampled_quantile(ordered: NDArray, scenes: NDArray, weights: NDArray, share: float) -> NDArray[np.float64]:
-    """(R,) numpy's linear quantile of each resample of `ordered` (n,); weights (R, S) say how often a scene is in."""
-    total = weights @ np.bincount(scenes)
-    position = (total - 1) * share
-    below = np.floor(position).astype(np.int64)
-    low = ordered[_index_of_rank(scenes, weights, below)]
-    high = ordered[_index_of_rank(scenes, weights, np.minimum(below + 1, total - 1))]
-    return low + (position - below) * (high - low)
+@lru_cache(maxsize=2)
+def _float_weights(count: int) -> NDArray[np.float64]:
+    """`scene_weights` for products with sums."""
+    return scene_weights(count).astype(np.float64)
 
 
-def _index_of_rank(scenes: NDArray, weights: NDArray, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(R,) where in the order of samples each resample has the sample of this rank.
+@lru_cache(maxsize=2)
+def _weights_by_scene(count: int) -> NDArray[np.int16]:
+    """(count, resamples) `scene_weights` with each scene's in one piece, for adding up those of many samples."""
+    return np.ascontiguousarray(scene_weights(count).T.astype(np.int16))
 
-    Blocks of samples are counted first, by one matrix product, and single samples in the one block that
-    matters: sqrt(n) steps a resample and not n.
+
+def _resampled_means(samples: NDArray[np.float64], scenes: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """(R,) the mean of each resample; scenes are counted from 0 to `count` without a gap."""
+    weights = _float_weights(count)
+    return (weights @ np.bincount(scenes, samples)) / (weights @ np.bincount(scenes).astype(np.float64))
+
+
+def _resampled_quantiles(
+    ordered: NDArray[np.float64], scenes: NDArray[np.int64], count: int, shares: Sequence[float]
+) -> list[NDArray[np.float64]]:
+    """For each share, (R,) numpy's linear quantile of each resample of `ordered` (n,)."""
+    counted = _CountedBlocks(scenes, count)
+    drawn = []
+    for share in shares:
+        position = (counted.total - 1) * share
+        below = np.floor(position).astype(np.int64)
+        low = ordered[counted.index_of_rank(below)]
+        high = ordered[counted.index_of_rank(np.minimum(below + 1, counted.total - 1))]
+        drawn.append(low + (position - below) * (high - low))
+    return drawn
+
+
+class _CountedBlocks:
+    """How many samples each resample has of each block of consecutive samples.
+
+    Finding a sample by its rank then takes a look at the blocks and at the samples of one of them:
+    sqrt(n) steps a resample and not n.
     """
-    count, size = len(scenes), int(np.ceil(np.sqrt(len(scenes))))
-    blocks = -(-count // size)
-    per_block = np.bincount(np.arange(count) // size * weights.shape[1] + scenes, minlength=blocks * weights.shape[1])
-    ends = np.cumsum(weights.astype(float) @ per_block.reshape(blocks, -1).T, axis=1)
-    block = (ends <= ranks[:, None]).sum(axis=1)
-    rows = np.arange(len(weights))
-    before = np.where(block > 0, ends[rows, block - 1], 0.0)
-    index = block[:, None] * size + np.arange(size)
-    times = np.where(index < count, weights[rows[:, None], scenes[np.minimum(index, count - 1)]], 0)
-    inside = before[:, None] + np.cumsum(times, axis=1)
-    return block * size + (inside <= ranks[:, None]).sum(axis=1)
+
+    def __init__(self, scenes: NDArray[np.int64], count: int) -> None:
+        self._scenes = scenes
+        self._weights = _weights_by_scene(count)
+        # Looking at samples costs more than looking at blocks; sixteen bits hold what a block adds up to.
+        self._size = min(int(np.ceil(np.sqrt(len(scenes)) / 2)), (2**15 - 1) // int(self._weights.max()))
+        counts = [
+            self._weights[scenes[start : start + self._size]].sum(axis=0, dtype=np.int16)
+            for start in range(0, len(scenes), self._size)
+        ]
+        self._ends: NDArray[np.int32] = np.cumsum(counts, axis=0, dtype=np.int32)
+        self.total: NDArray[np.int64] = self._ends[-1].astype(np.int64)
+
+    def index_of_rank(self, ranks: NDArray[np.int64]) -> NDArray[np.int64]:
+        """(R,) where in the order of samples each resample has the sample of this rank."""
+        ranks = ranks.astype(np.int32)
+        resamples = np.arange(len(ranks))
+        block = (self._ends <= ranks).sum(axis=0)
+        start = block * self._size
+        rank_inside = ranks - np.where(block > 0, self._ends[block - 1, resamples], 0)
+        index = np.minimum(start + np.arange(self._size)[:, None], len(self._scenes) - 1)
+        times = self._weights.ravel()[self._scenes[index] * len(ranks) + resamples]
+        # Beyond the last sample it is repeated, which adds only to counts that are past the rank already.
+        return start + (np.cumsum(times, axis=0, dtype=np.int16) <= rank_inside).sum(axis=0)
 
 
 def _estimate(value: float, drawn: NDArray[np.float64]) -> Estimate:

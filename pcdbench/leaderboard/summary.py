@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 import re
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ from pcdbench.leaderboard.statistics import Estimate, estimates, mean_estimate
 GROUP = ["task", "metric", "incompleteness", "level", "completer"]
 CASE = ["scene", "draw", "incompleteness", "level"]
 STATISTICS = ("median", "p90", "mean")
+_DESCRIBED = ("unit", "direction", "summary", "main")
 
 
 def samples_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
@@ -24,32 +27,20 @@ def samples_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     Columns: those of `GROUP` and `CASE`, reference, missing (the share, None in rows from before it was kept), unit,
     direction, summary, main, samples (an array).
     """
-    records = [
-        {
-            "task": row["task"]["name"],
-            "metric": name,
-            "incompleteness": row["incompleteness"]["name"],
-            "level": row["level"],
-            "completer": row["completer"]["name"],
-            "reference": row["completer"]["reference"],
-            "scene": row["scene"],
-            "draw": row["draw"],
-            "missing": row.get("missing"),
-            "unit": metric["unit"],
-            "direction": metric["direction"],
-            "summary": metric["summary"],
-            "main": metric["main"],
-            "samples": np.asarray(metric["samples"], dtype=np.float64),
-        }
-        for row in rows
-        if row["status"] == "ok"
-        for name, metric in row["metrics"].items()
-    ]
-    columns = [*GROUP, "reference", "scene", "draw", "missing", "unit", "direction", "summary", "main", "samples"]
-    return pd.DataFrame.from_records(records, columns=columns)
+    lines = []
+    for row in rows:
+        if row["status"] == "ok":
+            task, incompleteness, level, completer = _cell(row)
+            case = (row["completer"]["reference"], row["scene"], row["draw"], row.get("missing"))
+            for name, metric in row["metrics"].items():
+                described = [metric[its] for its in _DESCRIBED]
+                samples = np.asarray(metric["samples"], dtype=np.float64)
+                lines.append((task, name, incompleteness, level, completer, *case, *described, samples))
+    columns = [*GROUP, "reference", "scene", "draw", "missing", *_DESCRIBED, "samples"]
+    return pd.DataFrame.from_records(lines, columns=columns)
 
 
-def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+def summarize(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     """The summary of rows, in their order of tasks, metrics and completers; levels ascend.
 
     Columns: those of `GROUP`; reference, unit, direction, summary, main; scenes, cases (measured), missing (the mean
@@ -58,62 +49,27 @@ def summarize(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
     medians of completing.
     A completer of which nothing was measured has a line for its task's main metric, without numbers.
     """
-    samples = samples_table(rows)
-    counts = _counts(rows)
-    costs = _costs(rows)
-    records = []
-    seen = set()
-    for key, group in samples.groupby(GROUP, sort=False, observed=True):
-        task, _, incompleteness, level, completer = key
-        cell = (task, incompleteness, level, completer)
-        seen.add(cell)
-        first = group.iloc[0]
-        records.append(
-            dict(zip(GROUP, key, strict=True))
-            | {name: first[name] for name in ("reference", "unit", "direction", "summary", "main")}
-            | {"scenes": group["scene"].nunique(), "cases": len(group), "missing": _mean_missing(group)}
-            | counts[cell]
-            | _statistics(group)
-            | costs.get((incompleteness, level, completer), {})
-        )
-    described = ["metric", "unit", "direction", "summary"]
-    main = samples[samples["main"].astype(bool)].groupby("task")[described].first()
+    tally = _Tally()
     for row in rows:
-        cell = _cell(row)
-        if cell not in seen:
-            seen.add(cell)
-            task, incompleteness, level, completer = cell
-            records.append(
-                {
-                    "task": task,
-                    "incompleteness": incompleteness,
-                    "level": level,
-                    "completer": completer,
-                    "reference": row["completer"]["reference"],
-                    "main": True,
-                    "scenes": 0,
-                    "cases": 0,
-                    "missing": np.nan,
-                }
-                | (main.loc[task].to_dict() if task in main.index else {"metric": ""})
-                | counts[cell]
-                | costs.get((incompleteness, level, completer), {})
-            )
-    return _ordered(pd.DataFrame.from_records(records, columns=_columns()), rows)
+        tally.add(row)
+    return tally.summary()
 
 
 def paired_difference(table: pd.DataFrame, completer: str, other: str) -> Estimate | None:
-    """Mean of `completer` less that of `other`, paired by case, with its interval; None without common cases.
+    """Mean of `completer` less that of another one, paired by case, with its interval; None without common cases.
 
     Args:
         table: lines of one task and metric of `samples_table`; each case counts with its mean sample.
     """
-    first, second = (case_means(table, name) for name in (completer, other))
-    both = pd.concat([first, second], axis=1, join="inner").dropna()
-    if both.empty:
+    lines = table[table["completer"].isin([completer, other]) & (table["samples"].map(len) > 0)]
+    cases, index = pd.MultiIndex.from_frame(lines[CASE]).factorize(sort=True)
+    means = np.full((2, len(index)), np.nan)
+    means[(lines["completer"] == other).astype(int), cases] = [samples.mean() for samples in lines["samples"]]
+    difference = means[0] - means[1]
+    common = ~np.isnan(difference)
+    if not common.any():
         return None
-    difference = (both.iloc[:, 0] - both.iloc[:, 1]).to_numpy()
-    return mean_estimate(difference, pd.factorize(both.index.get_level_values("scene"), sort=True)[0])
+    return mean_estimate(difference[common], index.codes[CASE.index("scene")][common])
 
 
 def case_means(table: pd.DataFrame, completer: str) -> pd.Series:
@@ -154,46 +110,107 @@ def level_text(level: float, missing: float = math.nan) -> str:
     return "as measured" if math.isnan(missing) else f"about {missing:.0%}"
 
 
-def _mean_missing(group: pd.DataFrame) -> float:
-    return float(group["missing"].astype(float).mean())
+@dataclass
+class _Group:
+    """What was measured of one (task, metric, incompleteness, level, completer), case by case."""
+
+    described: Mapping[str, Any]
+    scenes: list[str] = field(default_factory=list)
+    missing: list[float] = field(default_factory=list)
+    sizes: list[int] = field(default_factory=list)
+    samples: array[float] = field(default_factory=lambda: array("d"))
+
+    def add(self, row: Mapping[str, Any], samples: Sequence[float]) -> None:
+        self.scenes.append(row["scene"])
+        missing = row.get("missing")
+        self.missing.append(math.nan if missing is None else missing)
+        self.sizes.append(len(samples))
+        self.samples.extend(samples)
+
+    def summary(self) -> dict[str, Any]:
+        names, scenes = np.unique(self.scenes, return_inverse=True)
+        missing = np.array(self.missing)
+        known = missing[~np.isnan(missing)]
+        columns = dict(self.described) | {
+            "scenes": len(names),
+            "cases": len(self.scenes),
+            "missing": known.mean() if known.size else np.nan,
+        }
+        if self.samples:
+            found = estimates(np.array(self.samples), np.repeat(scenes, self.sizes))
+            for name, estimate in found.items():
+                columns |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
+        return columns
 
 
-def _statistics(group: pd.DataFrame) -> dict[str, float]:
-    samples = np.concatenate(group["samples"].to_list())
-    if not samples.size:
-        return {}
-    scenes = np.repeat(pd.factorize(group["scene"], sort=True)[0], group["samples"].map(len))
-    columns: dict[str, float] = {}
-    for name, estimate in estimates(samples, scenes).items():
-        columns |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
-    return columns
+class _Tally:
+    """What a summary needs of rows, each looked at once and then let go: a run may have more than memory holds."""
+
+    def __init__(self) -> None:
+        self._groups: dict[tuple[str, str, str, float, str], _Group] = {}
+        self._lost: dict[tuple[str, str, float, str], dict[str, int]] = {}
+        self._references: dict[str, bool] = {}
+        self._measured: set[tuple[str, str, float, str]] = set()
+        self._costs: dict[tuple[str, float, str], dict[str, tuple[float | None, float | None]]] = {}
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        cell = _cell(row)
+        task, incompleteness, level, completer = cell
+        self._references[completer] = row["completer"]["reference"]
+        lost = self._lost.setdefault(cell, {"failed": 0, "skipped": 0})
+        if row["status"] != "ok":
+            lost["skipped" if row["status"] == "skipped" else "failed"] += 1
+        cost = row["completing"]
+        if cost is not None:
+            costs = self._costs.setdefault((incompleteness, level, completer), {})
+            costs[row["cell"]] = (cost["seconds"], cost["peak_memory_mb"])
+        if row["status"] == "ok":
+            for name, metric in row["metrics"].items():
+                group = self._groups.get((task, name, incompleteness, level, completer))
+                if group is None:
+                    group = _Group({its: metric[its] for its in _DESCRIBED})
+                    self._groups[task, name, incompleteness, level, completer] = group
+                    self._measured.add(cell)
+                group.add(row, metric["samples"])
+
+    def summary(self) -> pd.DataFrame:
+        costs = {key: _median_cost(its.values()) for key, its in self._costs.items()}
+        main: dict[str, dict[str, Any]] = {}
+        records = []
+        for key, group in self._groups.items():
+            task, metric, incompleteness, level, completer = key
+            if group.described["main"]:
+                main.setdefault(task, {"metric": metric, **group.described})
+            records.append(
+                dict(zip(GROUP, key, strict=True))
+                | {"reference": self._references[completer]}
+                | group.summary()
+                | self._lost[task, incompleteness, level, completer]
+                | costs.get((incompleteness, level, completer), {})
+            )
+        for (task, incompleteness, level, completer), lost in self._lost.items():
+            if (task, incompleteness, level, completer) not in self._measured:
+                records.append(
+                    {"task": task, "incompleteness": incompleteness, "level": level, "completer": completer}
+                    | {"reference": self._references[completer], "scenes": 0, "cases": 0, "missing": np.nan}
+                    | main.get(task, {"metric": "", "main": True})
+                    | lost
+                    | costs.get((incompleteness, level, completer), {})
+                )
+        tasks = list(dict.fromkeys(task for task, *_ in self._lost))
+        metrics = list(dict.fromkeys(metric for _, metric, *_ in self._groups))
+        return _ordered(pd.DataFrame.from_records(records, columns=_columns()), tasks, metrics)
 
 
 def _cell(row: Mapping[str, Any]) -> tuple[str, str, float, str]:
     return row["task"]["name"], row["incompleteness"]["name"], row["level"], row["completer"]["name"]
 
 
-def _counts(rows: Iterable[Mapping[str, Any]]) -> dict[tuple, dict[str, int]]:
-    counts: dict[tuple, dict[str, int]] = {}
-    for row in rows:
-        its = counts.setdefault(_cell(row), {"failed": 0, "skipped": 0})
-        if row["status"] != "ok":
-            its["skipped" if row["status"] == "skipped" else "failed"] += 1
-    return counts
-
-
-def _costs(rows: Iterable[Mapping[str, Any]]) -> dict[tuple, dict[str, float]]:
-    by_cell: dict[tuple, dict[str, Mapping[str, Any]]] = {}
-    for row in rows:
-        if row["completing"] is not None:
-            by_cell.setdefault(_cell(row)[1:], {})[row["cell"]] = row["completing"]
-    return {group: _median_cost(list(costs.values())) for group, costs in by_cell.items()}
-
-
-def _median_cost(costs: Sequence[Mapping[str, float | None]]) -> dict[str, float]:
-    memory = [cost["peak_memory_mb"] for cost in costs if cost["peak_memory_mb"] is not None]
-    seconds = [cost["seconds"] for cost in costs if cost["seconds"] is not None]
-    return {"seconds": float(np.median(seconds)), "memory_mb": float(np.median(memory)) if memory else np.nan}
+def _median_cost(costs: Iterable[tuple[float | None, float | None]]) -> dict[str, float]:
+    """The medians of what completions cost, each (seconds, memory); NaN where nothing is known."""
+    known = [[cost for cost in of_all if cost is not None] for of_all in zip(*costs, strict=True)]
+    seconds, memory = (float(np.median(of_all)) if of_all else math.nan for of_all in known)
+    return {"seconds": seconds, "memory_mb": memory}
 
 
 def _columns() -> list[str]:
@@ -202,10 +219,8 @@ def _columns() -> list[str]:
     return [*GROUP, *described, *statistics, "seconds", "memory_mb"]
 
 
-def _ordered(summary: pd.DataFrame, rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
-    """By task, metric, incompleteness (as they first appear), level, references first, then completers by name."""
-    tasks = list(dict.fromkeys(row["task"]["name"] for row in rows))
-    metrics = list(dict.fromkeys(name for row in rows for name in row["metrics"]))
+def _ordered(summary: pd.DataFrame, tasks: Sequence[str], metrics: Sequence[str]) -> pd.DataFrame:
+    """By task and metric in these orders, incompleteness, level, references first, then completers by name."""
     rank = {name: number for number, name in enumerate(metrics)} | {"": -1}
     return summary.sort_values(
         ["task", "metric", "incompleteness", "level", "reference", "completer"],

@@ -26,6 +26,35 @@ def test_intervals_are_those_of_a_plain_bootstrap_over_scenes():
     assert (alone.value, alone.low, alone.high) == pytest.approx((among.value, among.low, among.high))
 
 
+def plain_quantile(ordered, weights, share):
+    """Of each resample, by counting every sample of it: ordered (n,), weights (R, n)."""
+    ends = np.cumsum(weights, axis=1)
+    position = (ends[:, -1] - 1) * share
+    below = np.floor(position).astype(np.int64)
+    ranks = (below, np.minimum(below + 1, ends[:, -1] - 1))
+    low, high = (
+        ordered[[np.searchsorted(end, rank, side="right") for end, rank in zip(ends, at, strict=True)]] for at in ranks
+    )
+    return low + (position - below) * (high - low)
+
+
+@pytest.mark.parametrize(("scenes", "samples"), [(2, 2), (2, 5), (7, 40), (30, 30), (30, 2000), (150, 700)])
+def test_intervals_are_to_the_last_bit_those_of_counting_every_sample(scenes, samples):
+    rng = np.random.default_rng(samples)
+    of_scene = rng.permutation(np.arange(samples) % scenes)
+    values = rng.gamma(2.0, size=samples).round(2)
+    order = np.argsort(values, kind="stable")
+    weights = scene_weights(scenes)
+    sums, sizes = np.bincount(of_scene[order], values[order]), np.bincount(of_scene)
+    drawn = {
+        "median": plain_quantile(values[order], weights[:, of_scene[order]], 0.5),
+        "p90": plain_quantile(values[order], weights[:, of_scene[order]], 0.9),
+        "mean": (weights @ sums) / (weights @ sizes),
+    }
+    for name, estimate in estimates(values, of_scene).items():
+        assert (estimate.low, estimate.high) == tuple(np.quantile(drawn[name], [0.025, 0.975]))
+
+
 def test_scenes_are_drawn_with_replacement_and_the_same_each_time():
     weights = scene_weights(5)
     assert weights.shape == (1000, 5) and (weights.sum(axis=1) == 5).all()
