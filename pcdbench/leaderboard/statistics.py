@@ -84,6 +84,12 @@ def scene_weights(count: int, resamples: int = RESAMPLES) -> NDArray[np.int32]:
 
 
 @lru_cache(maxsize=2)
+def _float_weights(count: int) -> NDArray[np.float64]:
+    """`scene_weights` for products with sums."""
+    return scene_weights(count).astype(np.float64)
+
+
+@lru_cache(maxsize=2)
 def _weights_by_scene(count: int) -> NDArray[np.int16]:
     """(count, resamples) `scene_weights` with each scene's in one piece, for adding up those of many samples."""
     return np.ascontiguousarray(scene_weights(count).T.astype(np.int16))
@@ -91,7 +97,7 @@ def _weights_by_scene(count: int) -> NDArray[np.int16]:
 
 def _resampled_means(samples: NDArray[np.float64], scenes: NDArray[np.int64], count: int) -> NDArray[np.float64]:
     """(R,) the mean of each resample; scenes are counted from 0 to `count` without a gap."""
-    weights = scene_weights(count)
+    weights = _float_weights(count)
     return (weights @ np.bincount(scenes, samples)) / (weights @ np.bincount(scenes).astype(np.float64))
 
 

@@ -52,7 +52,7 @@ def test_intervals_are_to_the_last_bit_those_of_counting_every_sample(scenes, sa
         "mean": (weights @ sums) / (weights @ sizes),
     }
     for name, estimate in estimates(values, of_scene).items():
-        assert (estimate.low, estimate.high) == tuple(np.quantile(drawn[name], [0.025, 0.975]))
+        assert (estimate.low, estimate.high) == tuple(np.quantile(drawn[name], [(1 - 0.95) / 2, (1 + 0.95) / 2]))
 
 
 def test_scenes_are_drawn_with_replacement_and_the_same_each_time():
