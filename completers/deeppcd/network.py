@@ -1,0 +1,177 @@
+"""The geometry network: patch features, their relations, plane points, and their displacement to the surface."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+from .layers import Neighbors, PatchEncoder, SharedMLP, SplitLinear
+
+FEATURE = 768
+POINT_FEATURE = 384
+LONGEST_WAVE = 1e4  # times the shortest, which is 2 pi cells
+GRID_SIDE = 4  # points along a side of the planar grid
+GRID_HALF_WIDTH = 0.05  # of the patch
+TOGETHER = 2  # patches
+
+
+class Completed(NamedTuple):
+    """What the geometry network gives.
+
+    Attributes:
+        patches: (P, K, 3) float32 after the local displacement, as patches are scaled.
+        points: (P * K, 3) float32 after the global one, in the unit of the grid: the result.
+        turns: (P, S, 3, 3) float32 of the plane point generator, or None without it.
+    """
+
+    patches: Tensor
+    points: Tensor
+    turns: Tensor | None
+
+
+class DeepPCDNetwork(nn.Module):
+    """DeepPCD's geometry network, Figures and tables of the publication read literally: 7,735,055 parameters.
+
+    Args:
+        plane_points: of a patch; a multiple of 16, at most 2,048.
+        generator: without it plane points are one fixed grid on the patch's xy plane (the publication's ablation).
+    """
+
+    def __init__(self, plane_points: int = 1024, generator: bool = True) -> None:
+        super().__init__()
+        self.plane_points = plane_points
+        self.encoder = PatchEncoder(3, (512, FEATURE))
+        self.relations = Relations()
+        self.generator = PlanePointGenerator() if generator else None
+        self.local_displacement = Displacement()
+        self.global_displacement = Displacement()
+
+    def forward(
+        self,
+        points: Tensor,
+        around: Neighbors,
+        cells: Tensor,
+        low: Tensor,
+        scale: Tensor,
+        chosen: Tensor | None = None,
+    ) -> Completed:
+        """Complete the P patches of one cloud.
+
+        Args:
+            points: (P, N, 3) float32, each patch scaled to [0, 1].
+            around: their `Neighborhoods`.
+            cells: (P, 2) positions in the grid.
+            low: (P, 3) and `scale`, which take patches to the unit of the grid.
+            chosen: (P, K) int64, the plane points to go on with; all of them where it is None.
+        """
+        coarse, features, patch = self.encoder(points, None, around)
+        patch = self.relations(patch, cells)
+        turns = None
+        if self.generator is None:
+            planes = _flat_grid(self.plane_points, points.device).expand(len(points), -1, -1)
+        else:
+            seeds = self.plane_points // GRID_SIDE**2
+            turns = self.generator(coarse[:, :seeds], features[:, :seeds], patch)
+            planes = plane_points(coarse[:, :seeds], turns)
+        if chosen is not None:
+            planes = planes.gather(1, chosen[..., None].expand(-1, -1, 3))
+        local = planes + self.local_displacement(planes, patch)
+        merged = low[:, None] + scale * local
+        whole = merged + self.global_displacement(merged, patch.amax(dim=0, keepdim=True).expand_as(patch))
+        return Completed(local, whole.flatten(0, 1), turns)
+
+
+class Relations(nn.Module):
+    """One transformer encoder layer with one head over the patches of a cloud, told where each of them is.
+
+    Normalised before attention and before the MLP; both have a residual.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.norm_1, self.norm_2 = nn.LayerNorm(FEATURE), nn.LayerNorm(FEATURE)
+        self.query, self.key, self.value, self.context = (nn.Linear(FEATURE, FEATURE) for _ in range(4))
+        self.mlp = nn.Sequential(nn.Linear(FEATURE, 1024), nn.GELU(), nn.Linear(1024, FEATURE))
+
+    def forward(self, patches: Tensor, cells: Tensor) -> Tensor:
+        """(P, 768) patch features at (P, 2) cells to (P, 768), each with what the others tell."""
+        x = patches + position_embedding(cells).to(patches.dtype)
+        normal = self.norm_1(x)
+        attended = F.scaled_dot_product_attention(
+            self.query(normal)[None], self.key(normal)[None], self.value(normal)[None]
+        )[0]
+        x = x + self.context(attended)
+        return x + self.mlp(self.norm_2(x))
+
+
+def position_embedding(cells: Tensor, width: int = FEATURE) -> Tensor:
+    """(P, width) float32 embedding of (P, 2) positions.
+
+    Tuples sin x sin y, sin x cos y, cos x sin y, cos x cos y, with wavelengths in geometric progression from 2 pi to
+    10^4 * 2 pi. The product of two embeddings depends on their positions' difference alone, and moving by a difference
+    is a linear map that does not depend on where from.
+    """
+    waves = width // 4
+    exponents = torch.arange(waves, dtype=torch.float64, device=cells.device) / (waves - 1)
+    x, y = (cells.double()[:, :, None] * LONGEST_WAVE**-exponents).unbind(dim=1)
+    tuples = [x.sin() * y.sin(), x.sin() * y.cos(), x.cos() * y.sin(), x.cos() * y.cos()]
+    return torch.stack(tuples, dim=2).flatten(1).float()
+
+
+class PlanePointGenerator(nn.Module):
+    """A 3 x 3 matrix for each sampled point, that turns a planar grid into plane points around it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.first = SplitLinear(POINT_FEATURE + 3, FEATURE, 1024)
+        self.rest = nn.Sequential(SharedMLP(1024, 512, 256), nn.Linear(256, 9))
+        with torch.no_grad():
+            self.rest[-1].weight.mul_(0.1)  # type: ignore[union-attr, operator]
+            self.rest[-1].bias.copy_(torch.eye(3).flatten())  # type: ignore[union-attr, operator]
+
+    def forward(self, points: Tensor, features: Tensor, patch: Tensor) -> Tensor:
+        """(P, S, 3, 3) float32 of (P, S, 3) points, their features (P, S, 384) and their patch's (P, 768)."""
+        x = torch.cat([features, points.to(features.dtype)], dim=2)
+        return self.rest(F.relu_(self.first(x, patch))).float().unflatten(2, (3, 3))
+
+
+def plane_points(points: Tensor, turns: Tensor) -> Tensor:
+    """(P, S * 16, 3): the 4 x 4 planar grid turned by (P, S, 3, 3) matrices, placed at (P, S, 3) points."""
+    line = torch.linspace(-GRID_HALF_WIDTH, GRID_HALF_WIDTH, GRID_SIDE, device=points.device)
+    # The grid has no height, so the matrix's last column has no part in it.
+    grid = torch.cartesian_prod(line, line)
+    with torch.autocast(points.device.type, enabled=False):
+        return (points[:, :, None] + grid @ turns[..., :2].transpose(2, 3)).flatten(1, 2)
+
+
+def _flat_grid(count: int, device: torch.device) -> Tensor:
+    """(count, 3) a regular grid over the patch's unit square at its lowest height."""
+    side = math.ceil(math.sqrt(count))
+    line = (torch.arange(side, device=device) + 0.5) / side
+    return F.pad(torch.cartesian_prod(line, line)[:count], (0, 1))
+
+
+class Displacement(nn.Module):
+    """How far to move each point, of what is known of its patch or of the whole cloud."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.first = SplitLinear(3, FEATURE, 512)
+        self.second = nn.Linear(512, 256)
+        self.norm = nn.LayerNorm(256)
+        self.rest = nn.Sequential(SharedMLP(256, 256, 64), nn.Linear(64, 3))
+        with torch.no_grad():
+            self.rest[-1].weight.mul_(0.1)  # type: ignore[union-attr, operator]
+
+    def forward(self, points: Tensor, feature: Tensor) -> Tensor:
+        """(P, K, 3) float32 displacements in (-1, 1) of (P, K, 3) points with their (P, 768) features."""
+        moved = []
+        # A few patches at a time stay in the processor's cache from layer to layer.
+        for some, of_them in zip(points.split(TOGETHER), feature.split(TOGETHER), strict=True):
+            x = F.relu_(self.first(some, of_them))
+            moved.append(torch.tanh(self.rest(self.norm(self.second(x))).float()))
+        return torch.cat(moved)
