@@ -27,6 +27,7 @@ class Completer(ABC):
         version: raise it whenever the output changes; results of other versions are not reused.
         needs_color: cases without colour are skipped, with that as the reason.
         citation: whom to cite.
+        trainee: for a completer that learns, its `pcdbench.training.trainee.Trainee` as "package.module:Class".
     """
 
     Options: ClassVar[type[plugin_options.Options]] = plugin_options.Options
@@ -34,6 +35,7 @@ class Completer(ABC):
     version: ClassVar[str] = "1"
     needs_color: ClassVar[bool] = False
     citation: ClassVar[str] = ""
+    trainee: ClassVar[str | None] = None
 
     def __init__(self, options: plugin_options.Options | None = None) -> None:
         self.options = self.Options() if options is None else options

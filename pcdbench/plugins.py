@@ -69,6 +69,12 @@ _HOOK_OF_KIND: dict[Kind, str] = {
 }
 
 
+def load_target(target: str) -> Any:
+    """Import what "package.module:Class" names; its import may raise anything."""
+    module_name, _, attribute = target.partition(":")
+    return getattr(importlib.import_module(module_name), attribute)
+
+
 @dataclass(frozen=True)
 class Registration:
     """One registered thing, not yet imported."""
@@ -86,9 +92,8 @@ class Registration:
         Raises:
             PluginError: naming the plugin, where it came from and what its import raised.
         """
-        module_name, _, attribute = self.target.partition(":")
         try:
-            return getattr(importlib.import_module(module_name), attribute)
+            return load_target(self.target)
         except Exception as error:
             raise PluginError(
                 f"{self.kind} {self.name!r} from {self.origin} cannot be loaded from {self.target}: "

@@ -1,0 +1,61 @@
+"""`pcdbench train NAME`: train a learned completer on an endless stream of generated, augmented rooms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pcdbench.errors import PcdbenchError
+
+
+def train(
+    name: Annotated[str, typer.Argument(help="A completer that learns (see `pcdbench show`).")],
+    out: Annotated[Path, typer.Option(help="Receives checkpoint, weights, model card and curve.")],
+    hours: Annotated[float | None, typer.Option(min=0.0, help="Train this long, over all resumptions.")] = None,
+    steps: Annotated[int | None, typer.Option(min=1, help="Train this many steps.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
+    preset: Annotated[str, typer.Option(help="How the optimizer goes about it.")] = "default",
+    device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    seed: Annotated[int, typer.Option(help="Decides the data and the first weights.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, help="Processes that prepare examples.")] = 1,
+) -> None:
+    """Train a completer that learns; stop it at any moment, and go on with --resume."""
+    from pcdbench.plugins import did_you_mean, load_target, registry
+
+    completer = registry().get("completer", name).load()
+    if completer.trainee is None:
+        raise PcdbenchError(f"{name} learns nothing, so there is nothing to train")
+    if device not in ("auto", "cpu", "cuda"):
+        raise PcdbenchError(f"--device {device!r} must be auto, cpu or cuda")
+    if out.exists() and (out / "checkpoint.safetensors").exists() and not resume:
+        raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
+    trainee = load_target(completer.trainee)()
+    if preset not in trainee.presets:
+        raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
+    chosen = trainee.presets[preset]
+    if hours is None and steps is None and chosen.steps is None:
+        raise PcdbenchError("say how long to train: --hours H or --steps S")
+    from pcdbench.training.card import write_card
+    from pcdbench.training.loop import Budget
+    from pcdbench.training.loop import train as train_loop
+    from pcdbench.training.stream import PairStream
+    from pcdbench.training.validation import Validation
+
+    stream = PairStream(seed)
+    progress = train_loop(
+        trainee,
+        out,
+        Budget(chosen.steps if hours is None and steps is None else steps, hours),
+        preset=chosen,
+        stream=stream,
+        resume=resume,
+        device=device,
+        workers=workers,
+        validate=Validation(),
+        report=lambda line: typer.echo(line, err=True),
+    )
+    weights = out / "weights.safetensors"
+    write_card(weights, name, stream, chosen, progress)
+    typer.echo(f"weights: {weights} (use them with --option {name}.weights={weights})")

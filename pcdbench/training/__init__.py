@@ -1,0 +1,1 @@
+"""What learned completers share: the stream of training pairs, the loop, checkpoints that survive, curves."""

@@ -1,0 +1,70 @@
+"""The model card of trained weights: what made them, as JSON beside the file."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from pcdbench.keys import file_digest
+from pcdbench.runner.provenance import provenance
+from pcdbench.training.curve import Curve
+from pcdbench.training.loop import Progress
+from pcdbench.training.stream import PairStream
+from pcdbench.training.trainee import Preset
+from pcdbench.weights import CARD_SUFFIX
+
+CURVE_POINTS = 30
+LICENSE = "Apache-2.0"
+
+
+def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, progress: Progress) -> dict[str, Any]:
+    """Write the card of a weights file beside it and return it.
+
+    Its keys: completer, sha256, bytes, license, trained_on (data set, version, split), augmentation, seed, preset,
+    steps, pairs, hours, validation (with what it means), curve (step, hours, loss, validation), date, and what
+    `run.json` says of code, packages and machine.
+    """
+    from pcdbench.datasets.synthetic import Indoor
+
+    card: dict[str, Any] = {
+        "completer": name,
+        "sha256": file_digest(weights),
+        "bytes": weights.stat().st_size,
+        "license": LICENSE,
+        "trained_on": [{"dataset": "indoor", "version": Indoor.version, "split": "train"}],
+        "augmentation": asdict(stream.recipe),
+        "seed": stream.seed,
+        "preset": asdict(preset),
+        "steps": progress.step,
+        "pairs": progress.step * preset.batch,
+        "hours": round(progress.seconds / 3600, 3),
+        "validation": {
+            "chd_ratio": progress.validation,
+            "meaning": "median ChD over that of doing nothing, rooms of indoor's split val, holes, 30 %",
+        },
+        "curve": _curve(weights.parent),
+        "date": time.strftime("%Y-%m-%d", time.gmtime()),
+        **provenance(),
+    }
+    weights.with_suffix(CARD_SUFFIX).write_text(json.dumps(card, indent=2) + "\n")
+    return card
+
+
+def _curve(folder: Path) -> list[dict[str, float | None]]:
+    """The training curve at a few steps."""
+    table = Curve(folder).table()
+    kept = table.iloc[:: max(1, len(table) // CURVE_POINTS)]
+    return [
+        {
+            "step": int(line["step"]),
+            "hours": round(line["seconds"] / 3600, 3),
+            "loss": round(line["loss"], 5),
+            "validation": round(line["validation_chd"], 4) if pd.notna(line["validation_chd"]) else None,
+        }
+        for _, line in kept.iterrows()
+    ]

@@ -1,0 +1,74 @@
+"""Checkpoints without pickle that survive a kill at any moment: safetensors, replaced as a whole."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from pcdbench.errors import PcdbenchError
+
+
+def save_checkpoint(
+    path: Path, network: nn.Module, average: Mapping[str, Tensor], optimizer: torch.optim.Optimizer, progress: dict
+) -> None:
+    """Write everything needed to go on, into one file that is either the old one or the new one."""
+    from safetensors.torch import save_file
+
+    tensors = {f"network/{name}": value for name, value in network.state_dict().items()}
+    tensors |= {f"average/{name}": value for name, value in average.items()}
+    for index, state in optimizer.state_dict()["state"].items():
+        tensors |= {f"optimizer/{index}/{name}": value for name, value in state.items()}
+    partial = path.with_suffix(".partial")
+    save_file(
+        {name: value.detach().cpu().contiguous() for name, value in tensors.items()},
+        partial,
+        metadata={"progress": json.dumps(progress)},
+    )
+    with partial.open("rb") as stream:
+        os.fsync(stream.fileno())
+    os.replace(partial, path)
+
+
+def load_checkpoint(
+    path: Path, network: nn.Module, average: dict[str, Tensor], optimizer: torch.optim.Optimizer
+) -> dict[str, Any]:
+    """Restore network, average and optimizer in place; returns the progress that was saved.
+
+    Raises:
+        PcdbenchError: where the file is not a checkpoint of this network.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, "pt") as stored:
+            progress = json.loads((stored.metadata() or {}).get("progress", ""))
+            tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - not a mapping
+        network.load_state_dict(_under("network/", tensors))
+    except (OSError, SafetensorError, ValueError, RuntimeError) as error:
+        raise PcdbenchError(f"{path} is not a checkpoint of this network ({error}); train without --resume") from error
+    average.update(_under("average/", tensors))
+    state: dict[int, dict[str, Tensor]] = {}
+    for name, value in _under("optimizer/", tensors).items():
+        index, _, key = name.partition("/")
+        state.setdefault(int(index), {})[key] = value
+    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    return progress
+
+
+def save_weights(path: Path, average: Mapping[str, Tensor]) -> None:
+    """Write the averaged network in float16, as completers ship it."""
+    from safetensors.torch import save_file
+
+    partial = path.with_suffix(".partial")
+    save_file({name: value.detach().cpu().half().contiguous() for name, value in average.items()}, partial)
+    os.replace(partial, path)
+
+
+def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}

@@ -1,0 +1,265 @@
+"""The training loop: fresh pairs from loader workers, one optimizer, checkpoints, validation, a curve."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from accelerate import Accelerator
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, Dataset
+
+from pcdbench.keys import seed_from
+from pcdbench.threads import limit_threads, thread_count
+from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
+from pcdbench.training.curve import Curve
+from pcdbench.training.stream import PairStream
+from pcdbench.training.trainee import Example, Preset, Trainee
+
+AVERAGE_DECAY = 0.998
+CLIP = 1.0
+WARM_UP = 100  # steps
+PATIENCE = 2  # checks without a better validation error, after which `plateau` lowers the rate
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How long to train: by steps or by hours, whichever is spent first."""
+
+    steps: int | None = None
+    hours: float | None = None
+
+    def spent(self, step: int, seconds: float) -> float:
+        """The share of the budget that is used up, 0 to 1: what the learning rate follows."""
+        shares = [0.0]
+        if self.steps is not None:
+            shares.append(step / self.steps)
+        if self.hours is not None:
+            shares.append(seconds / (3600 * self.hours))
+        return min(1.0, max(shares))
+
+
+@dataclass
+class Progress:
+    """Where a training is; checkpoints hold it.
+
+    Attributes:
+        step: steps done.
+        seconds: time spent training, over all resumptions.
+        validation: the latest validation error; best: the lowest; waited: checks since then.
+        rate: what `plateau` has left of the learning rate.
+        terms: running means of the loss's terms.
+    """
+
+    step: int = 0
+    seconds: float = 0.0
+    validation: float | None = None
+    best: float | None = None
+    waited: int = 0
+    rate: float = 1.0
+    terms: dict[str, float] = field(default_factory=dict)
+
+    def validated(self, error: float) -> None:
+        """Take a new validation error and, after too many without a better one, lower the rate."""
+        self.validation = error
+        if self.best is None or error < self.best:
+            self.best, self.waited = error, 0
+            return
+        self.waited += 1
+        if self.waited >= PATIENCE:
+            self.rate, self.waited = self.rate / 10, 0
+
+    def losses(self, losses: dict[str, float]) -> None:
+        """Take the terms of one more example into the running means."""
+        for name, value in losses.items():
+            self.terms[name] = 0.99 * self.terms.get(name, value) + 0.01 * value
+
+    def line(self, budget: Budget) -> str:
+        """The progress as people read it."""
+        share = budget.spent(self.step, self.seconds)
+        left = self.seconds / share - self.seconds if share else 0.0
+        terms = ", ".join(f"{name} {value:.4f}" for name, value in self.terms.items())
+        validation = "not yet" if self.validation is None else f"{self.validation:.3f}"
+        return (
+            f"step {self.step}: {terms}, validation ChD {validation} of doing nothing, "
+            f"{self.seconds / max(self.step, 1):.2f} s a step, {left / 60:.0f} min left"
+        )
+
+
+class _Examples(Dataset):
+    """Examples by index, made where the loader's workers run."""
+
+    def __init__(self, trainee: Trainee, stream: PairStream) -> None:
+        self._trainee, self._stream = trainee, stream
+
+    def __getitem__(self, index: int) -> Example:
+        rng = np.random.default_rng(seed_from("example", self._stream.seed, index))
+        return self._trainee.example(self._stream[index], rng)
+
+
+def train(
+    trainee: Trainee,
+    out: Path,
+    budget: Budget,
+    *,
+    preset: Preset | None = None,
+    stream: PairStream | None = None,
+    resume: bool = False,
+    device: str = "auto",
+    workers: int = 1,
+    validate: Callable[[Any], float] | None = None,
+    validate_every_s: float = 900.0,
+    save_every_s: float = 60.0,
+    report: Callable[[str], None] = print,
+) -> Progress:
+    """Train until the budget is spent. Kill it at any moment, and go on with `resume`.
+
+    Args:
+        out: receives `checkpoint.safetensors`, `weights.safetensors` (the averaged network, float16), `curve.csv`
+            and `curve.png`.
+        preset: the trainee's `default` unless given.
+        stream: where the pairs come from; its seed decides the first weights too.
+        resume: go on from the checkpoint in `out`: the next examples are those that would have come.
+        device: `auto`, `cpu` or `cuda`. Several GPUs and machines are used where `accelerate launch` starts this.
+        workers: loader processes that prepare examples.
+        validate: the validation error of a completer; the progress line and the curve show it.
+        report: takes the progress line, now and then.
+
+    Raises:
+        PcdbenchError: where the checkpoint is of another network.
+    """
+    preset = trainee.presets["default"] if preset is None else preset
+    stream = PairStream() if stream is None else stream
+    out.mkdir(parents=True, exist_ok=True)
+    torch.manual_seed(stream.seed)
+    torch.set_num_threads(thread_count())
+    accelerator = Accelerator(mixed_precision="bf16" if _bf16_pays(device) else "no", cpu=device == "cpu")
+    plain = trainee.network()
+    optimizer = _optimizer(trainee, plain, preset)
+    average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
+    progress, checkpoint, curve = Progress(), out / "checkpoint.safetensors", Curve(out)
+    if resume and checkpoint.exists():
+        progress = Progress(**load_checkpoint(checkpoint, plain, average, optimizer))
+        curve.cut(progress.step)
+    network, optimizer = accelerator.prepare(plain, optimizer)
+    batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
+    began, saved, validated, reported = time.monotonic() - progress.seconds, *(3 * [time.monotonic()])
+
+    def save() -> None:
+        save_checkpoint(checkpoint, plain, average, optimizer, vars(progress))
+        save_weights(out / "weights.safetensors", average)
+        curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
+
+    try:
+        while (spent := budget.spent(progress.step, progress.seconds)) < 1.0:
+            share = progress.rate if preset.schedule == "plateau" else _cosine(spent, progress.step)
+            for group in optimizer.param_groups:
+                group["lr"] = preset.learning_rate * share * group.get("rate", 1.0)
+            _step(trainee, network, optimizer, accelerator, next(batches), progress)
+            _lerp(average, plain, progress.step)
+            progress.step, progress.seconds = progress.step + 1, time.monotonic() - began
+            if not accelerator.is_main_process:
+                continue
+            done = budget.spent(progress.step, progress.seconds) >= 1.0
+            now = time.monotonic()
+            due = (
+                now - validated > validate_every_s
+                if preset.validate_every is None
+                else progress.step % preset.validate_every == 0
+            )
+            if validate and (done or due):
+                progress.validated(validate(trainee.completer(_averaged(trainee, average))))
+                validated = time.monotonic()
+            if done or now - saved >= save_every_s:
+                save()
+                saved = time.monotonic()
+            if done or now - reported > 10.0:
+                report(progress.line(budget))
+                reported = now
+    except KeyboardInterrupt:
+        if accelerator.is_main_process:
+            save()
+        raise
+    return progress
+
+
+def _step(
+    trainee: Trainee,
+    network: nn.Module,
+    optimizer: torch.optim.Optimizer,
+    accelerator: Accelerator,
+    examples: list[Example],
+    progress: Progress,
+) -> None:
+    optimizer.zero_grad()
+    for example in examples:
+        moved = {name: torch.as_tensor(value).to(accelerator.device) for name, value in example.items()}
+        with accelerator.autocast():
+            losses = trainee.loss(network, moved)
+        accelerator.backward(losses["loss"] / len(examples))
+        progress.losses({name: float(value.detach()) for name, value in losses.items()})
+    accelerator.clip_grad_norm_(network.parameters(), CLIP)
+    optimizer.step()
+
+
+def _optimizer(trainee: Trainee, network: nn.Module, preset: Preset) -> torch.optim.Optimizer:
+    groups = list(trainee.parameter_groups(network))
+    return torch.optim.AdamW(groups, lr=preset.learning_rate, weight_decay=preset.weight_decay)
+
+
+def _batches(
+    trainee: Trainee, stream: PairStream, preset: Preset, step: int, workers: int, accelerator: Accelerator
+) -> Iterator[list[Example]]:
+    """What each step from this one on learns from; each process of several takes its own."""
+    size, count = preset.batch, accelerator.num_processes
+    indices = (
+        [(at * count + accelerator.process_index) * size + item for item in range(size)] for at in range(step, 1 << 32)
+    )
+    loader: DataLoader = DataLoader(
+        _Examples(trainee, stream),
+        batch_sampler=indices,
+        num_workers=workers,
+        collate_fn=trainee.collate,
+        worker_init_fn=_begin_worker,
+        prefetch_factor=4 if workers else None,
+        multiprocessing_context="spawn" if workers else None,
+    )
+    return iter(loader)
+
+
+def _begin_worker(_: int) -> None:
+    limit_threads(1)
+    torch.set_num_threads(1)
+
+
+def _cosine(spent: float, step: int) -> float:
+    """The share of the full learning rate: a warm-up, then a cosine down to 1 %."""
+    return min(1.0, (step + 1) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1 + float(np.cos(np.pi * spent))))
+
+
+def _bf16_pays(device: str) -> bool:
+    """Whether bf16 is faster here: on GPUs, and on processors with AMX (without, it is three times slower)."""
+    if device != "cpu" and torch.cuda.is_available():
+        return True
+    return torch.cpu._is_amx_tile_supported()
+
+
+def _lerp(average: dict[str, Tensor], network: nn.Module, step: int) -> None:
+    """Move the averaged weights towards the network's, faster at first."""
+    decay = min(AVERAGE_DECAY, (1 + step) / (10 + step))
+    for name, value in network.state_dict().items():
+        if value.is_floating_point():
+            average[name].lerp_(value.detach().to(average[name]), 1 - decay)
+        else:
+            average[name].copy_(value)
+
+
+def _averaged(trainee: Trainee, average: dict[str, Tensor]) -> nn.Module:
+    network = trainee.network()
+    network.load_state_dict(average)
+    return network.eval()

@@ -1,0 +1,103 @@
+"""Weights of learned completers: safetensors with a model card beside them; nothing is ever unpickled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.keys import file_digest
+
+CARD_SUFFIX = ".card.json"
+
+
+class Weights:
+    """The weights file of a completer, the one in its package or the user's own, and its model card.
+
+    Attributes:
+        path: the safetensors file.
+        digest: SHA-256 (hex) of its bytes.
+        card: the facts in `<stem>.card.json` beside it (see `pcdbench.training.card`); None where one's own
+            weights have none.
+    """
+
+    def __init__(self, shipped: Path, own: str, name: str) -> None:
+        """Find the weights and check them against their card.
+
+        Args:
+            shipped: where the package has them.
+            own: a file to use instead; empty for none.
+            name: of the completer, for messages.
+
+        Raises:
+            PcdbenchError: where the file is missing or is not the one its card describes.
+        """
+        self.path = Path(own) if own else shipped
+        self._name = name
+        if not self.path.is_file():
+            cure = (
+                "check the path"
+                if own
+                else f"train them (pcdbench train {name} --hours 1 --out DIR) and give them with "
+                f"--option {name}.weights=DIR/weights.safetensors"
+            )
+            raise PcdbenchError(f"the weights of {name} are not at {self.path}; {cure}")
+        self.digest = file_digest(self.path)
+        self.card = model_card(self.path)
+        if self.card is None and not own:
+            raise PcdbenchError(f"the weights of {name} have no model card beside {self.path}; reinstall pcdbench")
+        if self.card is not None and self.card.get("sha256") != self.digest:
+            raise PcdbenchError(
+                f"{self.path} is not the file that its model card describes; "
+                + ("get both again" if own else "reinstall pcdbench")
+            )
+
+    def tensors(self) -> dict[str, Any]:
+        """The tensors by name, in float32.
+
+        Raises:
+            PcdbenchError: where the file is not safetensors.
+        """
+        from safetensors import SafetensorError
+        from safetensors.torch import load_file
+
+        try:
+            loaded = load_file(self.path)
+        except SafetensorError as error:
+            raise PcdbenchError(f"{self.path} does not hold weights ({error}); give a safetensors file") from error
+        return {key: value.float() if value.is_floating_point() else value for key, value in loaded.items()}
+
+    def load_into(self, network: Any) -> Any:
+        """The `torch.nn.Module` with these weights, in evaluation mode.
+
+        Raises:
+            PcdbenchError: where the file is not safetensors, or holds another network.
+        """
+        try:
+            network.load_state_dict(self.tensors())
+        except RuntimeError as error:
+            first = str(error).strip().splitlines()[-1].strip()
+            raise PcdbenchError(
+                f"{self.path} holds the weights of another network than {self._name} ({first})"
+            ) from None
+        return network.eval()
+
+
+def model_card(weights: Path) -> Mapping[str, Any] | None:
+    """The model card beside a weights file, or None where there is none.
+
+    Raises:
+        PcdbenchError: where it cannot be read.
+    """
+    path = weights.with_suffix(CARD_SUFFIX)
+    if not path.is_file():
+        return None
+    try:
+        card = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise PcdbenchError(f"the model card {path} cannot be read ({error}); get it again") from None
+    if not isinstance(card, dict):
+        raise PcdbenchError(f"the model card {path} holds no JSON object; get it again")
+    return card
