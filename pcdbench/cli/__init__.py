@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import audit, complete, data, list_, results, run, show, view
+from pcdbench.cli import audit, complete, data, doctor, list_, results, run, show, train, view
 from pcdbench.errors import PcdbenchError
 
 
@@ -32,8 +32,10 @@ app.command("results")(results.results)
 app.command("audit")(audit.audit)
 app.add_typer(data.app, name="data")
 app.command("complete")(complete.complete)
+app.command("doctor")(doctor.doctor)
 app.command("list")(list_.list_plugins)
 app.command("show")(show.show)
+app.command("train")(train.train)
 app.command("view")(view.view)
 
 
