@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import audit, complete, data, doctor, list_, results, run, show, train, view
+from pcdbench.cli import audit, complete, data, doctor, leaderboard, list_, results, run, show, train, view
 from pcdbench.errors import PcdbenchError
 
 
@@ -31,6 +31,7 @@ app.command("run")(run.run)
 app.command("results")(results.results)
 app.command("audit")(audit.audit)
 app.add_typer(data.app, name="data")
+app.add_typer(leaderboard.app, name="leaderboard")
 app.command("complete")(complete.complete)
 app.command("doctor")(doctor.doctor)
 app.command("list")(list_.list_plugins)

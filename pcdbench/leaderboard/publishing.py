@@ -1,0 +1,46 @@
+"""A board's folder: everything in it is written from the board, and nothing else in it is touched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.board_figures import write_figures
+from pcdbench.leaderboard.board_file import LEADERBOARD, write_board
+from pcdbench.leaderboard.board_readme import board_readme
+from pcdbench.leaderboard.board_table import write_tables
+from pcdbench.runner.store import write_text
+
+if TYPE_CHECKING:
+    from pcdbench.leaderboard.board import Board
+
+README = "README.md"
+SUITE = "suite.toml"
+FIGURES = "figures"
+
+
+def publish(board: Board, folder: Path) -> list[Path]:
+    """Write `leaderboard.json`, `.csv`, `.parquet`, `README.md` and `figures/`; equal boards give equal files.
+
+    Raises:
+        PcdbenchError: where the folder cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_board(board, folder / LEADERBOARD)
+        write_tables(board, folder)
+        figures = write_figures(board, folder / FIGURES)
+        write_text(folder / README, board_readme(board, figures, build_commands(board.name, folder), folder))
+    except OSError as error:
+        raise PcdbenchError(f"{folder} cannot be written ({error.strerror}); give another -o") from error
+    return [folder / name for name in (LEADERBOARD, "leaderboard.csv", "leaderboard.parquet", README, FIGURES)]
+
+
+def build_commands(name: str, folder: Path) -> Sequence[str]:
+    """The commands that measure and build a board again; a folder with a suite says what to measure."""
+    shown = f"leaderboards/{name}"
+    if (folder / SUITE).is_file():
+        return [f"pcdbench run {shown}/{SUITE} --out runs/{name}", f"pcdbench leaderboard build runs/{name} -o {shown}"]
+    return [f"pcdbench leaderboard build RUN... -o {shown}"]
