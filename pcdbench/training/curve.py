@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pandas as pd
 
+from pcdbench.runner.store import write_text
+
 
 class Curve:
     """Step, seconds, the loss's terms and the validation error, over all resumptions of a training."""
@@ -21,18 +23,19 @@ class Curve:
     def cut(self, step: int) -> None:
         """Forget what came after the checkpoint that training goes on from."""
         table = self.table()
-        table[table["step"] <= step].to_csv(self._csv, index=False)
+        write_text(self._csv, table[table["step"] <= step].to_csv(index=False))
 
     def add(self, step: int, seconds: float, terms: Mapping[str, float], validation: float | None) -> None:
-        """Write one more line, and draw the whole."""
+        """Write one more line."""
         line = {"step": step, "seconds": round(seconds), **terms, "validation_chd": validation}
         table = pd.concat([self.table(), pd.DataFrame([line])], ignore_index=True)
-        table.to_csv(self._csv, index=False)
-        self._draw(table)
+        write_text(self._csv, table.to_csv(index=False))
 
-    def _draw(self, table: pd.DataFrame) -> None:
+    def draw(self) -> None:
+        """Draw the curve so far into `curve.png`."""
         from matplotlib.figure import Figure
 
+        table = self.table()
         figure = Figure(figsize=(9, 3.5), layout="constrained")
         left, right = figure.subplots(1, 2)
         for name in table.columns.difference(["step", "seconds", "validation_chd"], sort=False):

@@ -24,6 +24,7 @@ from pcdbench.training.trainee import Example, Preset, Trainee
 AVERAGE_DECAY = 0.998
 CLIP = 1.0
 WARM_UP = 100  # steps
+DRAW_EVERY_S = 300.0
 PATIENCE = 2  # checks without a better validation error, after which `plateau` lowers the rate
 
 
@@ -148,7 +149,7 @@ def train(
         curve.cut(progress.step)
     network, optimizer = accelerator.prepare(plain, optimizer)
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
-    began, saved, validated, reported = time.monotonic() - progress.seconds, *(3 * [time.monotonic()])
+    began, saved, validated, drawn, reported = time.monotonic() - progress.seconds, *(4 * [time.monotonic()])
 
     def save() -> None:
         save_checkpoint(checkpoint, plain, average, optimizer, vars(progress))
@@ -178,6 +179,9 @@ def train(
             if done or now - saved >= save_every_s:
                 save()
                 saved = time.monotonic()
+            if done or now - drawn >= DRAW_EVERY_S:
+                curve.draw()
+                drawn = time.monotonic()
             if done or now - reported > 10.0:
                 report(progress.line(budget))
                 reported = now

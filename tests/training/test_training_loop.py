@@ -1,0 +1,185 @@
+"""The training loop: it learns, it resumes bit by bit after a kill, its files say what happened."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from pcdbench.cloud import PointCloud
+from pcdbench.completer import Completer
+from pcdbench.errors import PcdbenchError
+from pcdbench.training import truths as truths_module
+from pcdbench.training.card import write_card
+from pcdbench.training.checkpoint import load_checkpoint
+from pcdbench.training.curve import Curve
+from pcdbench.training.loop import Budget, Progress, train
+from pcdbench.training.stream import PairStream, TrainingPair
+from pcdbench.training.trainee import Example, Preset, Trainee
+from pcdbench.training.truths import Truth
+from pcdbench.weights import Weights, model_card
+
+
+class HeightTrainee(Trainee):
+    """Learns the mean height of what is missing from the extent of what is there."""
+
+    presets: ClassVar = {
+        "default": Preset(learning_rate=0.02, batch=2),
+        "published": Preset(learning_rate=0.01, batch=1, schedule="plateau", weight_decay=0.0, validate_every=1),
+    }
+
+    def network(self) -> nn.Module:
+        return nn.Sequential(nn.Linear(3, 16), nn.BatchNorm1d(16, track_running_stats=True).eval(), nn.Linear(16, 1))
+
+    def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
+        kept = pair.complete.points[pair.kept]
+        return {
+            "extent": np.ptp(kept, axis=0).astype(np.float32) + rng.normal(scale=1e-3, size=3).astype(np.float32),
+            "height": pair.complete.points[~pair.kept, 2].mean(keepdims=True).astype(np.float32),
+        }
+
+    def loss(self, network: nn.Module, example: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+        error = (network(example["extent"][None])[0] - example["height"]).square().mean()
+        return {"loss": error, "height": error.sqrt()}
+
+    def completer(self, network: nn.Module) -> Completer:
+        raise NotImplementedError
+
+
+def small_room(index: int) -> Truth:
+    rng = np.random.default_rng(index)
+    points = rng.uniform(0, 1, (400, 3)) * (2.0, 2.0, 1.0 + index % 3)
+    return Truth(PointCloud(points), np.zeros(400, np.uint8))
+
+
+@pytest.fixture(autouse=True)
+def small_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(truths_module, "training_truth", small_room)
+
+
+def trained(out: Path, steps: int, **options: Any) -> Progress:
+    return train(HeightTrainee(), out, Budget(steps=steps), workers=0, report=lambda _: None, device="cpu", **options)
+
+
+def test_it_learns(tmp_path: Path) -> None:
+    progress = trained(tmp_path, 60, save_every_s=0.0)
+    curve = Curve(tmp_path).table()
+    assert list(curve["step"]) == list(range(1, 61))
+    assert progress.terms["loss"] < 0.8 * curve["loss"].iloc[0]
+    assert (tmp_path / "curve.png").stat().st_size > 5_000
+
+
+def test_stopped_anywhere_and_resumed_the_weights_are_the_same_bit_by_bit(tmp_path: Path) -> None:
+    class Stop(Exception):
+        pass
+
+    def stop_at(step: int) -> Any:
+        def validate(_: object) -> float:
+            validate.calls += 1  # type: ignore[attr-defined]
+            if validate.calls == step:  # type: ignore[attr-defined]
+                raise Stop
+            return 1.0
+
+        validate.calls = 0  # type: ignore[attr-defined]
+        return validate
+
+    class Seen(HeightTrainee):
+        presets: ClassVar = {"default": Preset(learning_rate=0.02, batch=2, validate_every=1)}
+
+        def completer(self, network: nn.Module) -> Any:
+            return None
+
+    options = {"workers": 0, "report": lambda _: None, "device": "cpu", "save_every_s": 0.0}
+    train(Seen(), tmp_path / "whole", Budget(steps=12), validate=lambda _: 1.0, **options)
+    for stop in (3, 4, 1):
+        with pytest.raises(Stop):
+            train(Seen(), tmp_path / "parts", Budget(steps=12), validate=stop_at(stop), resume=True, **options)
+    train(Seen(), tmp_path / "parts", Budget(steps=12), validate=lambda _: 1.0, resume=True, **options)
+    for name in ("weights.safetensors",):
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes()
+    whole, parts = (Curve(tmp_path / run).table() for run in ("whole", "parts"))
+    assert whole["loss"].tolist() == parts["loss"].tolist()
+
+
+def test_a_kill_at_any_moment_leaves_a_checkpoint_to_go_on_from(tmp_path: Path) -> None:
+    script = tmp_path / "child.py"
+    script.write_text(
+        "import sys; sys.path.insert(0, sys.argv[2])\n"
+        "from pathlib import Path\n"
+        "import test_training_loop as t\n"
+        "t.truths_module.training_truth = t.small_room\n"
+        "t.trained(Path(sys.argv[1]), 10**6, save_every_s=0.0, resume=True)\n"
+    )
+    rng = np.random.default_rng(0)
+    out, steps = tmp_path / "out", [0]
+    for _ in range(2):
+        child = subprocess.Popen([sys.executable, str(script), str(out), str(Path(__file__).parent)])
+        deadline = time.monotonic() + 60
+        while self_steps(out) <= steps[-1] and time.monotonic() < deadline:
+            time.sleep(0.05)
+        time.sleep(rng.uniform(0, 0.3))
+        os.kill(child.pid, signal.SIGKILL)
+        child.wait()
+        steps.append(self_steps(out))
+    assert steps == sorted(set(steps))
+
+
+def self_steps(out: Path) -> int:
+    """The steps that the checkpoint holds; loading it whole shows that it is whole."""
+    path = out / "checkpoint.safetensors"
+    if not path.exists():
+        return 0
+    network = HeightTrainee().network()
+    optimizer = torch.optim.AdamW(network.parameters())
+    return load_checkpoint(path, network, {}, optimizer)["step"]
+
+
+def test_a_checkpoint_of_another_network_is_refused(tmp_path: Path) -> None:
+    trained(tmp_path, 2)
+    network = nn.Linear(2, 2)
+    with pytest.raises(PcdbenchError, match="not a checkpoint of this network"):
+        load_checkpoint(tmp_path / "checkpoint.safetensors", network, {}, torch.optim.AdamW(network.parameters()))
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"\x80\x04pickle")
+    with pytest.raises(PcdbenchError, match="not a checkpoint"):
+        trained(tmp_path, 4, resume=True)
+
+
+def test_the_plateau_rule_lowers_the_rate_after_two_checks_without_a_better_one() -> None:
+    progress = Progress()
+    for error in (1.0, 0.5, 0.6, 0.55, 0.5, 0.4):
+        progress.validated(error)
+    assert progress.rate == pytest.approx(0.1)
+    assert (progress.best, progress.waited) == (0.4, 0)
+
+
+def test_the_card_describes_the_weights_and_a_changed_file_is_refused(tmp_path: Path) -> None:
+    preset = HeightTrainee.presets["default"]
+    progress = trained(tmp_path, 3, save_every_s=0.0)
+    path = tmp_path / "weights.safetensors"
+    card = write_card(path, "height", PairStream(), preset, progress)
+    assert card == model_card(path)
+    assert (card["steps"], card["pairs"], card["license"]) == (3, 6, "Apache-2.0")
+    assert [point["step"] for point in card["curve"]] == [1, 2, 3]
+    weights = Weights(path, "", "height")
+    network = weights.load_into(HeightTrainee().network())
+    assert all(value.dtype == torch.float32 for value in network.state_dict().values() if value.is_floating_point())
+    with pytest.raises(PcdbenchError, match="another network than height"):
+        weights.load_into(nn.Linear(2, 2))
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    with pytest.raises(PcdbenchError, match="not the file that its model card describes"):
+        Weights(path, "", "height")
+    with pytest.raises(PcdbenchError, match="pcdbench train height"):
+        Weights(tmp_path / "none.safetensors", "", "height")
+    own = tmp_path / "own.safetensors"
+    own.write_bytes(b"\x80\x04]q\x00.")
+    with pytest.raises(PcdbenchError, match="does not hold weights"):
+        Weights(path, str(own), "height").tensors()
