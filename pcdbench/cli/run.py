@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from pcdbench.runner.plan import Plan, Request
+    from pcdbench.runner.run import Run
 
 Format = Literal["table", "json", "csv", "markdown"]
 
@@ -30,13 +36,16 @@ def levels(text: str) -> list[float]:
 
 
 def run(
-    completer: Annotated[str, typer.Option(help="Completers, separated by commas, or all.")],
-    task: Annotated[str, typer.Option(help="Tasks, separated by commas, or all.")],
-    dataset: Annotated[str, typer.Option(help="A data set, NAME or NAME:PATH.")] = "indoor",
+    suite: Annotated[Path | None, typer.Argument(help="A suite: a TOML file that says all of this.")] = None,
+    completer: Annotated[str | None, typer.Option(help="Completers, separated by commas, or all.")] = None,
+    task: Annotated[str | None, typer.Option(help="Tasks, separated by commas, or all.")] = None,
+    dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH, else indoor.")] = None,
     split: Annotated[str | None, typer.Option(help="A split of it, else its default.")] = None,
-    incompleteness: Annotated[str, typer.Option(help="Ways to take points away, separated by commas.")] = "holes",
-    level: Annotated[str, typer.Option(help="Shares of points to take away.")] = "0.1,0.3,0.5",
-    seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
+    incompleteness: Annotated[
+        str | None, typer.Option(help="Ways to take points away, separated by commas, else holes.")
+    ] = None,
+    level: Annotated[str | None, typer.Option(help="Shares of points to take away, else 0.1,0.3,0.5.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Decides every random draw, else 0.")] = None,
     jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
     timeout: Annotated[float, typer.Option(help="Seconds for making, completing or evaluating a case.")] = 600.0,
     memory_limit: Annotated[float | None, typer.Option(help="GB a worker may hold, else no limit.")] = None,
@@ -53,44 +62,85 @@ def run(
     The reference completers are added to every run. The same command takes an interrupted run up again and
     does only what is missing.
     """
-    from pcdbench.cli.results import print_summary
     from pcdbench.runner.jobs import Limits
-    from pcdbench.runner.plan import Request, plan
+    from pcdbench.runner.plan import plan
     from pcdbench.runner.run import carry_out, local_processes
 
     executor = local_processes(jobs, Limits(timeout, memory_limit, retries))
-    planned = plan(
-        Request(
-            completers=names(completer),
-            tasks=names(task),
-            dataset=dataset,
-            split=split,
-            incompletenesses=names(incompleteness),
-            levels=levels(level),
-            seed=seed,
-            options=option or (),
-        )
-    )
-    for name, reason in planned.left_out.items():
-        typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
-    try:
-        ended = carry_out(planned, out, executor)
-    except KeyboardInterrupt:
-        typer.echo("pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True)
-        raise typer.Exit(130) from None
+    asked = _requests(suite, completer, task, dataset, split, incompleteness, level, seed, option or ())
+    plans = [plan(request) for request in asked]
+    failed = 0
+    for number, planned in enumerate(plans, start=1):
+        folder = out if out is None or len(plans) == 1 else out / str(number)
+        for name, reason in planned.left_out.items():
+            typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
+        try:
+            ended = carry_out(planned, folder, executor)
+        except KeyboardInterrupt:
+            typer.echo(
+                "pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True
+            )
+            raise typer.Exit(130) from None
+        failed += len(ended.failed)
+        _show(planned, ended, format, figures)
+    if failed:
+        typer.echo(f"pcdbench: {failed} rows failed; the same command tries them again", err=True)
+        raise typer.Exit(3)
 
+
+def _requests(
+    suite: Path | None,
+    completer: str | None,
+    task: str | None,
+    dataset: str | None,
+    split: str | None,
+    incompleteness: str | None,
+    level: str | None,
+    seed: int | None,
+    options: Sequence[str],
+) -> list[Request]:
+    """What was asked for, by a suite or by options."""
+    from pcdbench.errors import PcdbenchError
+    from pcdbench.runner.plan import Request
+    from pcdbench.suite import read_suite, requests
+
+    given: dict[str, Any] = {"--completer": completer, "--task": task, "--split": split, "--level": level}
+    given |= {"--incompleteness": incompleteness, "--seed": seed, "--option": options or None}
+    if suite is not None:
+        for name, value in given.items():
+            if value is not None:
+                raise PcdbenchError(
+                    f"{name} is what the suite {suite} says; leave it out, or change a copy of the file"
+                )
+        return requests(read_suite(suite), suite.parent, dataset=dataset)
+    if completer is None or task is None:
+        raise PcdbenchError("name a --completer and a --task (or all), or give the file of a suite")
+    request = Request(completers=names(completer), tasks=names(task), split=split, options=options)
+    if dataset is not None:
+        request = replace(request, dataset=dataset)
+    if incompleteness is not None:
+        request = replace(request, incompletenesses=names(incompleteness))
+    if level is not None:
+        request = replace(request, levels=levels(level))
+    return [request if seed is None else replace(request, seed=seed)]
+
+
+def _show(planned: Plan, ended: Run, format: Format, figures: bool) -> None:
+    """Print what a run added up to, and draw one case of it."""
+    from pcdbench.cli.results import print_summary
     from pcdbench.leaderboard.figures import write_case_picture, write_task_figures
 
     print_summary(ended.rows, ended.folder, format)
     typer.echo(f"rows: {ended.folder / 'rows.jsonl'}", err=True)
-    picture = write_case_picture(planned, ended.rows, ended.folder)
-    if picture is not None:
-        typer.echo(f"one case side by side: {picture}", err=True)
+    try:
+        picture = write_case_picture(planned, ended.rows, ended.folder)
+    except OSError as error:
+        typer.echo(f"pcdbench: the case side by side cannot be written ({error})", err=True)
+    else:
+        if picture is not None:
+            typer.echo(f"one case side by side: {picture}", err=True)
     if figures:
         written, problems = write_task_figures(planned, ended.rows, ended.folder / "figures")
         for problem in problems:
             typer.echo(f"pcdbench: {problem}", err=True)
         typer.echo(f"figures: {len(written)} in {ended.folder / 'figures'}", err=True)
-    if ended.failed:
-        typer.echo(f"pcdbench: {len(ended.failed)} rows failed; the same command tries them again", err=True)
-        raise typer.Exit(3)

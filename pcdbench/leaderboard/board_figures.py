@@ -167,10 +167,11 @@ def _against_time(board: Board, main: _Main, styles: Mapping[str, _Style]) -> Fi
                     estimate.value, label=its.completer, color=style.color, ls=style.linestyle, lw=style.width
                 )
             elif its.seconds > 0:
+                face = style.color if style.linestyle == "-" else "white"
                 margin = np.nan_to_num([[estimate.value - estimate.low], [estimate.high - estimate.value]])
                 panel.errorbar(
                     [its.seconds], [estimate.value], np.maximum(margin, 0), label=its.completer, color=style.color,
-                    marker="o", ms=5, capsize=2, ls="none", elinewidth=0.8, mfc="white" if style.linestyle != "-" else None,
+                    marker="o", ms=5, capsize=2, ls="none", elinewidth=0.8, mfc=face,
                 )  # fmt: skip
         panel.set_xscale("log")
         missing = next((its.missing for its in standings if its.level == level), float("nan"))

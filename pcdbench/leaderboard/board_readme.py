@@ -22,10 +22,11 @@ Values are the metric's own statistic (its median or mean) over all samples, [wi
 scenes]. **Bold**: the best completer. *Italic*: references, not methods: `{TRUTH}` is the complete cloud, `{CEILING}` \
 another sample of it, the best that a method can honestly reach, `{FLOOR}` what doing nothing scores.
 
-\\#N is a rank: one more than the number of completers that are shown to be better, by paired differences over the same \
-cases whose intervals hold for all pairs of a table at once. Completers that cannot be told apart share a rank, and \
-with fewer than six scenes nobody can. A case in which a completer failed counts, for its rank, with the worst value of \
-the table; it is not in the averages, and is counted beside them. Seconds and MB are medians of completing a case.
+\\#N is a rank: one more than the number of completers that are shown to be better, by paired differences over the \
+same cases whose intervals hold for all pairs of a table at once. Completers that cannot be told apart share a rank, \
+and with fewer than six scenes nobody can. A case in which a completer failed counts, for its rank, with the worst \
+value of the table; it is not in the averages, and is counted beside them. Seconds and MB are medians of completing a \
+case.
 """
 
 
@@ -116,7 +117,7 @@ def _details(board: Board) -> list[str]:
             if its.task == task.name:
                 unit = metric.unit if metric else ""
                 estimates = [
-                    "–" if one is None else estimate_text(one, unit) for one in (its.median, its.p90, its.mean)
+                    "-" if one is None else estimate_text(one, unit) for one in (its.median, its.p90, its.mean)
                 ]
                 lost = [
                     f"{count} {what}" for count, what in ((its.failed, "failed"), (its.skipped, "skipped")) if count
@@ -232,7 +233,7 @@ def _best(board: Board, standings: Sequence[Standing]) -> set[tuple[str, str]]:
 
 def _value(its: Standing | None, metric: BoardMetric, completer: BoardCompleter, best: bool) -> str:
     if its is None or its.mean is None:
-        return "–"
+        return "-"
     text = estimate_text(getattr(its, metric.summary), metric.unit)
     value, _, interval = text.partition(" ")
     value = f"**{value}**" if best else f"*{value}*" if completer.reference else value
