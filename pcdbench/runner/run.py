@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner.calibration import calibration_seconds
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.jobs import CellExecutor, Job, Limits
 from pcdbench.runner.plan import Plan
@@ -62,6 +63,7 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
         "left_out": dict(plan.left_out),
         "workers": executor.workers,
         "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "calibration_seconds": round(calibration_seconds(), 4),
         **provenance(),
     }
     with RunStore(folder, plan.configuration, facts) as store:
