@@ -39,6 +39,10 @@ def begin_worker(threads: int, output: int | None = None) -> None:
     _flush_line_by_line()
     _warn_in_one_line(console)
     _die_as_a_group()
+    faulthandler.enable(file=2, all_threads=False)
+    if output is not None:
+        # SIGTERM ends a step that hangs: where it hung is printed first, even if native code holds the interpreter.
+        faulthandler.register(signal.SIGTERM, file=2, all_threads=False, chain=True)
     _be_killed_before_the_parent()
 
 
@@ -78,10 +82,6 @@ def _die_as_a_group() -> None:
     if os.getpgrp() != os.getpid():
         os.setpgid(0, 0)
     signal.signal(signal.SIGTERM, lambda *_: _end_own_group())
-    # A step that hangs is ended by SIGTERM: where it hung is printed first, native code that holds the
-    # interpreter notwithstanding.
-    faulthandler.enable(file=2)
-    faulthandler.register(signal.SIGTERM, file=2, chain=True)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()

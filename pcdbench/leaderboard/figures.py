@@ -30,7 +30,11 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     if not cells:
         return None
     first = cells[0]
-    shown = [cell for cell in cells if _same_case(cell, first) and not cell.completer.reference]
+    # Here nothing is isolated: a completer is shown only where it did complete the case.
+    completed = {row["cell"] for row in rows if row["points"] is not None}
+    shown = [
+        cell for cell in cells if _same_case(cell, first) and not cell.completer.reference and cell.key in completed
+    ]
     executor = Executor(plan.dataset, CompletionCache())
     try:
         case = executor.case(first)

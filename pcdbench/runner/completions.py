@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import tempfile
+import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +20,11 @@ from pcdbench.paths import cache_dir
 
 LIMIT_VARIABLE = "PCDBENCH_COMPLETIONS_MB"
 DEFAULT_LIMIT_MB = 4000.0
+_TORN_AFTER_SECONDS = 3600.0
+
+
+class CacheWarning(UserWarning):
+    """A completion could not be kept; the run goes on. One line."""
 
 
 @dataclass(frozen=True)
@@ -65,32 +72,24 @@ class CompletionCache:
         return completion
 
     def put(self, key: str, completion: Completion) -> None:
-        """Keep a completion; a full disk costs the cache, not the run."""
-        import numpy as np
-
+        """Keep a completion; where that fails (a full disk) there is one `CacheWarning`, and the run goes on."""
         if self.limit_bytes <= 0:
             return
-        arrays: dict[str, Any] = {"points": completion.cloud.points, "facts": canonical_json(dict(completion.facts))}
-        if completion.cloud.colors is not None:
-            arrays["colors"] = completion.cloud.colors
-        path = self._path(key)
-        with contextlib.suppress(OSError):
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as stream:
-                try:
-                    np.savez(stream, allow_pickle=False, **arrays)
-                    stream.close()
-                    os.replace(stream.name, path)
-                except OSError:
-                    os.unlink(stream.name)
-                    raise
-            self._written += path.stat().st_size
+        try:
+            self._written += self._write(self._path(key), completion)
+        except OSError as error:
+            message = f"completed clouds are not kept: {self.folder} cannot be written ({error.strerror})"
+            warnings.warn(message, CacheWarning, stacklevel=2)
         if self._written > self.limit_bytes // 20:
             self.trim()
 
     def trim(self) -> None:
-        """Drop what was not used for the longest time until the folder fits its size."""
+        """Drop what was not used for the longest time until the folder fits its size, and what killed runs tore."""
         self._written = 0
+        for torn in self.folder.glob("*/*.tmp"):
+            with contextlib.suppress(OSError):
+                if time.time() - torn.stat().st_mtime > _TORN_AFTER_SECONDS:
+                    torn.unlink()
         files = []
         for path in self.folder.glob("*/*.npz"):
             with contextlib.suppress(OSError):
@@ -100,8 +99,27 @@ class CompletionCache:
         for _, size, path in sorted(files):
             if total <= self.limit_bytes:
                 return
-            path.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                path.unlink()
             total -= size
+
+    def _write(self, path: Path, completion: Completion) -> int:
+        """Write the file, so that it appears complete or not at all; its bytes."""
+        import numpy as np
+
+        arrays: dict[str, Any] = {"points": completion.cloud.points, "facts": canonical_json(dict(completion.facts))}
+        if completion.cloud.colors is not None:
+            arrays["colors"] = completion.cloud.colors
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as stream:
+            try:
+                np.savez(stream, allow_pickle=False, **arrays)
+                stream.close()
+                os.replace(stream.name, path)
+            except BaseException:
+                os.unlink(stream.name)
+                raise
+        return path.stat().st_size
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / f"{key}.npz"

@@ -5,6 +5,7 @@ Nothing heavy is imported here: a worker limits its threads before numpy is firs
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import os
 import signal
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pebble import ProcessExpired, ProcessPool
 
+from pcdbench.errors import PcdbenchError
 from pcdbench.runner.jobs import Job, Limits
 from pcdbench.runner.measuring import resident_bytes
 from pcdbench.runner.output import Output, clear, last_lines
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 _LOOK_EVERY_SECONDS = 0.1
 # Pebble does not tell of a worker that ended with exit code 0 in mid-step; by then its pid has been gone for long.
 _LOOKS_UNTIL_LOST = 10
+_STARTING_SECONDS = 600.0
 _LAST_RESORT_SECONDS = 30.0
 _STDERR = 2
 
@@ -88,7 +91,7 @@ class IsolatedWorker:
         self._output = Output()
         self._pool: ProcessPool | None = None
         self._pid = 0
-        self._used = False
+        self._jobs = 0
         self._stopped = threading.Event()
         self._last_scene = ""
         self._lost_scenes: dict[str, Death] = {}
@@ -145,7 +148,8 @@ class IsolatedWorker:
             return attempt
         making = "case" if self._last_scene == scene else "scene"
         if self._pool is None:
-            attempt.death = self._start()
+            attempt.death = self._start(job)
+        self._jobs += 1
         for stage in (making, "completing", *["evaluating"] * len(job.tasks)):
             if attempt.death is not None:
                 self.close()
@@ -157,29 +161,29 @@ class IsolatedWorker:
             if isinstance(answer, Death):
                 attempt.death = answer
                 continue
-            self._used, self._last_scene = True, scene
+            self._last_scene = scene
             attempt.facts = answer.facts
             attempt.rows += answer.rows
         return attempt
 
-    def _start(self) -> Death | None:
+    def _start(self, job: Job) -> Death | None:
         arguments = (self._dataset, self._threads, self._limits.timeout_seconds, self._output.handle)
         self._pool = ProcessPool(1, initializer=_begin, initargs=arguments, context=get_context("spawn"))
-        self._used, self._last_scene = False, ""
-        answer = self._ask(os.getpid)
+        self._jobs, self._last_scene = 0, ""
+        answer = self._ask(_get_ready, job, timeout_seconds=_STARTING_SECONDS)
         if isinstance(answer, Death):
             return answer
         self._pid = answer
         return None
 
-    def _ask(self, function: Callable[..., Any], *arguments: Any, timeout_seconds: float | None = None) -> Any:
+    def _ask(self, function: Callable[..., Any], argument: Job | None, timeout_seconds: float) -> Any:
         """What a function gives in the process, or the `Death` of the process."""
         if self._stopped.is_set() or self._pool is None:
             raise Stopped
         limit_gb = self._limits.memory_gb
         over = False
         looks_lost = 0
-        future = self._pool.schedule(function, args=arguments, timeout=timeout_seconds)
+        future = self._pool.schedule(function, args=(argument,), timeout=timeout_seconds)
         while not wait([future], _LOOK_EVERY_SECONDS).done:
             self._output.clip()
             if limit_gb is not None and self._pid and resident_bytes(self._pid) > limit_gb * 1e9:
@@ -192,7 +196,7 @@ class IsolatedWorker:
             raise Stopped
         if over:
             limit = f"its worker took more than {limit_gb:g} GB of memory (--memory-limit)"
-            return self._death(limit, worn=self._used)
+            return self._death(limit, worn=self._jobs > 1)
         try:
             return future.result(timeout=0)
         except ProcessExpired as expired:
@@ -254,14 +258,24 @@ def _begin(dataset: Plugin, threads: int, timeout_seconds: float, output: Connec
     _begun = (dataset, timeout_seconds)
 
 
+def _get_ready(job: Job) -> int:
+    """Import what the first job needs, so that no step's time limit counts it; gives the process's pid."""
+    global _executor
+    from pcdbench.plugins import registry
+    from pcdbench.runner.completions import CompletionCache
+    from pcdbench.runner.execute import Executor
+
+    _executor = Executor(_begun[0], CompletionCache())
+    for plugin in (_begun[0], job.cell.incompleteness, job.cell.completer, *job.tasks):
+        with contextlib.suppress(PcdbenchError):
+            registry().get(plugin.kind, plugin.name).load()
+    return os.getpid()
+
+
 def _step(job: Job | None) -> Step:
     """The next step of the job at hand, or the first one of `job`."""
-    global _executor, _steps
-    if _executor is None:
-        from pcdbench.runner.completions import CompletionCache
-        from pcdbench.runner.execute import Executor
-
-        _executor = Executor(_begun[0], CompletionCache())
+    global _steps
+    assert _executor is not None
     if job is not None:
         clear(_STDERR)
         _steps = _executor.steps(job.cell, job.tasks)

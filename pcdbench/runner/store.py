@@ -54,7 +54,12 @@ class RunStore:
         try:
             self._claim()
             _drop_torn_line(self.folder / ROWS)
-            self._rows = (self.folder / ROWS).open("ab")
+            self._rows = (self.folder / ROWS).open("ab", buffering=0)
+        except OSError as error:
+            self._lock.release()
+            raise PcdbenchError(
+                f"{self.folder} cannot be written ({error.strerror}); make room there, or give another --out"
+            ) from error
         except BaseException:
             self._lock.release()
             raise
@@ -65,11 +70,26 @@ class RunStore:
         self._lock.release()
 
     def append(self, rows: Iterable[Row]) -> None:
-        """Add rows; they are on the disk when this returns."""
+        """Add rows; they are on the disk when this returns.
+
+        Raises:
+            PcdbenchError: where they cannot be written (a full disk, say). None of them is in the file then, and
+                all earlier ones are.
+        """
         lines = "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
-        self._rows.write(lines.encode())
-        self._rows.flush()
-        os.fsync(self._rows.fileno())
+        whole = self._rows.seek(0, os.SEEK_END)
+        try:
+            left = memoryview(lines.encode())
+            while left:
+                left = left[self._rows.write(left) or 0 :]
+            os.fsync(self._rows.fileno())
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                self._rows.truncate(whole)
+            raise PcdbenchError(
+                f"{self.folder / ROWS} cannot be written ({error.strerror}); all cells before are stored: make room "
+                "there and give the same command again"
+            ) from error
 
     def finished_keys(self) -> set[str]:
         """Keys of the rows that need not run again: those measured, and those skipped for a reason."""
@@ -87,6 +107,8 @@ class RunStore:
                 )
         elif (self.folder / ROWS).exists():
             raise PcdbenchError(f"{self.folder} has {ROWS} but no {RUN}; give another --out")
+        for torn in self.folder.glob(f"{RUN}?*"):
+            torn.unlink()
         content = {"schema_version": SCHEMA_VERSION, "configuration": self._configuration, **self._facts}
         write_text(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
@@ -102,11 +124,14 @@ def read_run(folder: Path) -> dict[str, Any]:
         content: dict[str, Any] = json.loads(path.read_text())
         if not isinstance(content, dict):
             raise ValueError("it holds no JSON object")
+        version = content.get("schema_version", 0)
+        if not isinstance(version, int) or not isinstance(content.get("configuration", {}), dict):
+            raise ValueError("its schema_version or configuration is of another kind")
     except (FileNotFoundError, NotADirectoryError):
         raise PcdbenchError(f"{folder} is not a run: it has no {RUN}; runs lie in runs/ or where --out said") from None
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise PcdbenchError(f"{path} cannot be read ({error}); run its command again into another folder") from None
-    if content.get("schema_version", 0) > SCHEMA_VERSION:
+    if version > SCHEMA_VERSION:
         raise PcdbenchError(f"{path} was written by a newer pcdbench; update this one (pip install -U pcdbench)")
     return content
 
@@ -129,7 +154,7 @@ def read_rows(folder: Path) -> list[Row]:
             try:
                 row = json.loads(line)
                 newest[row["key"]] = row
-            except (ValueError, KeyError, TypeError):
+            except (ValueError, KeyError, TypeError, RecursionError):
                 raise PcdbenchError(f"{path}, line {number}, is damaged; delete that line and run again") from None
     return list(newest.values())
 

@@ -1,12 +1,15 @@
 """Cached completions: the same cloud back, a size that holds, and no trust in damaged files."""
 
+import errno
 import os
+import time
+import warnings
 
 import numpy as np
 import pytest
 
 from pcdbench.cloud import PointCloud
-from pcdbench.runner.completions import Completion, CompletionCache
+from pcdbench.runner.completions import CacheWarning, Completion, CompletionCache
 
 FACTS = {"seconds": 1.5, "peak_memory_mb": None, "device": "cpu"}
 
@@ -66,3 +69,33 @@ def test_a_damaged_file_is_a_completion_to_be_made_again(tmp_path, damage):
     assert cache.get("key") is None
     cache.put("key", completion(1))
     assert cache.get("key") is not None
+
+
+def test_a_full_disk_costs_the_cache_and_is_told_once(tmp_path, monkeypatch):
+    cache = CompletionCache(tmp_path, limit_mb=10)
+
+    def full(stream, **arrays):
+        stream.write(b"PK")
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(np, "savez", full)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("default")
+        for number in range(3):
+            cache.put(f"{number}key", completion(number))
+    assert [str(its.message) for its in caught] == [
+        f"completed clouds are not kept: {tmp_path} cannot be written (No space left on device)"
+    ]
+    assert caught[0].category is CacheWarning
+    assert cache.get("0key") is None
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()], "no half file is left"
+
+
+def test_what_killed_runs_left_half_written_goes_after_an_hour(tmp_path):
+    (tmp_path / "ab").mkdir()
+    old, new = tmp_path / "ab" / "old.tmp", tmp_path / "ab" / "new.tmp"
+    for path, age_seconds in ((old, 4000), (new, 10)):
+        path.write_bytes(b"PK")
+        os.utime(path, (time.time() - age_seconds,) * 2)
+    CompletionCache(tmp_path, limit_mb=10).trim()
+    assert not old.exists() and new.exists()

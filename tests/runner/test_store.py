@@ -1,6 +1,8 @@
 """A run's folder: rows outlive crashes, and one run at a time writes to it."""
 
+import errno
 import json
+import os
 
 import pytest
 
@@ -98,3 +100,50 @@ def test_a_folder_that_cannot_be_made(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(PcdbenchError, match="cannot be written"), RunStore(tmp_path / "file" / "run", {}, {}):
         pass
+
+
+class _FullDisk:
+    """A file on a disk that has room for so many bytes."""
+
+    def __init__(self, file, room):
+        self._file = file
+        self._room = room
+
+    def write(self, data):
+        written = self._file.write(bytes(data[: self._room]))
+        self._room -= written
+        if not written:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return written
+
+    def __getattr__(self, name):
+        return getattr(self._file, name)
+
+
+def test_a_full_disk_is_one_line_and_costs_no_row_that_was_stored(tmp_path):
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("a"), row("b")])
+        whole = (tmp_path / "rows.jsonl").read_bytes()
+        store._rows = _FullDisk(store._rows, room=len(whole) - 10)
+        with pytest.raises(PcdbenchError, match=r"rows\.jsonl cannot be written \(No space left on device\)") as caught:
+            store.append([row("c"), row("d")])
+        assert "\n" not in str(caught.value)
+        assert (tmp_path / "rows.jsonl").read_bytes() == whole, "nothing torn is left behind"
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        store.append([row("c")])
+    assert [found["key"] for found in read_rows(tmp_path)] == ["a", "b", "c"]
+
+
+def test_rows_that_the_system_takes_in_pieces_arrive_whole(tmp_path):
+    with RunStore(tmp_path, CONFIGURATION, {}) as store:
+        file = store._rows
+        store._rows = _FullDisk(file, 10**6)
+        store._rows.write = lambda data: file.write(bytes(data[:7]))
+        store.append([row("a"), row("b")])
+    assert read_rows(tmp_path) == [row("a"), row("b")]
+
+
+def test_what_a_killed_run_left_half_written_is_swept_away(tmp_path):
+    (tmp_path / "run.jsonabcd").write_text('{"conf')
+    with RunStore(tmp_path, CONFIGURATION, {}):
+        assert not list(tmp_path.glob("run.json?*"))
