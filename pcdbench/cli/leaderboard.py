@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from pcdbench.leaderboard.board import Board
 
 app = typer.Typer(no_args_is_help=True, help="Leaderboards from runs, and the check that holds changes to them.")
 
@@ -31,3 +35,73 @@ def build(
     board = board_of_runs(out.resolve().name, runs)
     for path in publish(board, out):
         typer.echo(str(path))
+
+
+@app.command("check")
+def check(
+    board: Annotated[Path, typer.Argument(help="The folder of a board.")],
+    run: Annotated[
+        list[Path] | None, typer.Option(help="A run to compare, repeatable; else what the board's suite says is run.")
+    ] = None,
+    dataset: Annotated[str | None, typer.Option(help="NAME:PATH: where the data of the board lie here.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Keep the run in this folder; it must be new.")] = None,
+    markdown: Annotated[Path | None, typer.Option(help="Write the verdict here, as Markdown.")] = None,
+    junit: Annotated[Path | None, typer.Option(help="Write the verdict here, as JUnit XML.")] = None,
+) -> None:
+    """Compare what comes out now with a committed leaderboard.
+
+    Prints what got worse, better, slower or is measured otherwise. Exit code 1 on a regression.
+    """
+    import tempfile
+
+    from pcdbench.leaderboard.board_file import read_board
+    from pcdbench.leaderboard.building import board_of_runs
+    from pcdbench.leaderboard.gate import check as checked
+    from pcdbench.leaderboard.gate_report import verdict_junit, verdict_markdown, verdict_text
+
+    committed = read_board(board)
+    if run:
+        fresh = board_of_runs(committed.name, run)
+    else:
+        with tempfile.TemporaryDirectory(prefix="pcdbench-check-") as scratch:
+            folder = Path(scratch) / "runs" if out is None else out
+            _run_again(committed, board, dataset, jobs, folder)
+            fresh = board_of_runs(committed.name, [folder])
+    verdict = checked(committed, fresh)
+    for path, text in ((markdown, verdict_markdown), (junit, verdict_junit)):
+        if path is not None:
+            _write(path, text(verdict))
+    typer.echo(verdict_text(verdict), nl=False)
+    if not verdict.holds:
+        raise typer.Exit(1)
+
+
+def _run_again(committed: Board, board: Path, dataset: str | None, jobs: int | None, folder: Path) -> None:
+    """Run what the board's suite says is enough, each plan in a folder of its own, with nothing from the cache."""
+    from pcdbench.errors import PcdbenchError
+    from pcdbench.leaderboard.gate_run import check_plans
+    from pcdbench.runner.completions import LIMIT_VARIABLE
+    from pcdbench.runner.run import carry_out, local_processes
+
+    if folder.exists():
+        raise PcdbenchError(f"{folder} is there already, and a check measures anew; give another --out")
+    before = os.environ.get(LIMIT_VARIABLE)
+    os.environ[LIMIT_VARIABLE] = "0"
+    try:
+        for number, planned in enumerate(check_plans(committed, board, dataset), start=1):
+            carry_out(planned, folder / str(number), local_processes(jobs))
+    finally:
+        os.environ.pop(LIMIT_VARIABLE)
+        if before is not None:
+            os.environ[LIMIT_VARIABLE] = before
+
+
+def _write(path: Path, text: str) -> None:
+    from pcdbench.errors import PcdbenchError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise PcdbenchError(f"{path} cannot be written ({error.strerror}); give another file") from error

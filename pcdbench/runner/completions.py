@@ -47,7 +47,7 @@ class CompletionCache:
 
     Args:
         folder: `completions` in the cache folder unless given.
-        limit_mb: its size; `PCDBENCH_COMPLETIONS_MB` unless given, 0 keeps nothing.
+        limit_mb: its size; `PCDBENCH_COMPLETIONS_MB` unless given; 0 keeps nothing and finds nothing.
     """
 
     def __init__(self, folder: Path | None = None, limit_mb: float | None = None) -> None:
@@ -61,6 +61,8 @@ class CompletionCache:
 
         import numpy as np
 
+        if self.limit_bytes <= 0:
+            return None
         path = self._path(key)
         try:
             with np.load(path, allow_pickle=False) as stored:

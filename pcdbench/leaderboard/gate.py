@@ -1,0 +1,322 @@
+"""The gate: what of a committed board got worse, better, slower or is measured otherwise, in a fresh board.
+
+Both have the same cases, so everything is paired by case. Equal keys have equal results: what nobody touched differs
+by nothing at all, and only what changed is tested.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import ttest_1samp
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.keys import canonical_json
+from pcdbench.leaderboard.board import Board, BoardCase, BoardCell, BoardCompleter
+from pcdbench.leaderboard.merging import AGREEMENT
+
+FEWEST_CASES = 4
+SIGNIFICANCE = 0.01
+"""How often a change that makes nothing worse may be called a regression, over all that a check compares."""
+LEAST_CHANGE = 1e-3
+"""Smaller mean changes, as shares of the metric's mean, are no regression however certain they are."""
+SLOWER = 2.0
+_SHORTEST_SECONDS = 0.002
+_SAME = 1e-9
+
+Kind = Literal["worse", "failed", "changed", "slower", "better", "repaired", "faster", "note"]
+REGRESSIONS: tuple[Kind, ...] = ("worse", "failed", "changed", "slower")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that differs from the committed board.
+
+    Attributes:
+        task: empty where it concerns a completer's time, or the whole board.
+        told: one line, for people.
+    """
+
+    kind: Kind
+    completer: str
+    task: str
+    told: str
+
+    @property
+    def is_regression(self) -> bool:
+        return self.kind in REGRESSIONS
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a check found.
+
+    Attributes:
+        cases: how many both boards have.
+        compared: each (completer, task) that was, in the order of the committed board.
+        findings: regressions first.
+    """
+
+    board: str
+    cases: int
+    compared: tuple[tuple[str, str], ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is no regression."""
+        return not any(finding.is_regression for finding in self.findings)
+
+
+@dataclass(frozen=True)
+class _Pair:
+    case: BoardCase
+    old: BoardCell
+    new: BoardCell
+
+
+def check(committed: Board, fresh: Board) -> Verdict:
+    """Compare a fresh board of some of the committed board's cases with it.
+
+    - A protocol (data, incompleteness, task) that is another, and a reference whose values differ, is `changed`: the
+      numbers of the two boards do not mean the same.
+    - A completer's metric is `worse` (or `better`) where the mean of its relative differences, paired by case, is
+      beyond `LEAST_CHANGE` and one-sided t-tests, by Holm's method over everything that changed, are at
+      `SIGNIFICANCE`.
+    - A case that was measured and is not any more is `failed`.
+    - A completer is `slower` where the median of its cases' times, as ratios to the calibration job of the same run,
+      is `SLOWER` times what it was.
+
+    Raises:
+        PcdbenchError: where both have too few cases in common.
+    """
+    changed = list(_changed_protocols(committed, fresh))
+    pairs = _pairs(committed, fresh)
+    cases = {pair.case for its in pairs.values() for pair in its}
+    if len(cases) < FEWEST_CASES and not changed:
+        raise PcdbenchError(
+            f"the run has {len(cases)} cases of the board {committed.name}, and a check needs {FEWEST_CASES}; run more "
+            "scenes or levels of the same data set, split and seed"
+        )
+    altered = {finding.task for finding in changed}
+    findings = [*changed, *_unmatched(committed, fresh)]
+    if "" not in altered:
+        findings += _lost(pairs, altered)
+        findings += _reference_changes(committed, pairs, altered)
+        altered |= {finding.task for finding in findings if finding.kind == "changed"}
+        findings += _value_changes(committed, pairs, altered)
+        findings += _time_changes(committed, fresh, pairs)
+    compared = [
+        (label, task.name) for label, its in pairs.items() for task in committed.tasks if _has_task(its, task.name)
+    ]
+    order = sorted(findings, key=lambda finding: not finding.is_regression)
+    return Verdict(committed.name, len(cases), tuple(compared), tuple(order))
+
+
+def _changed_protocols(committed: Board, fresh: Board) -> Iterator[Finding]:
+    """What of the protocols is another; with an empty task where nothing can be compared."""
+    for kind, olds, news in (
+        ("data set", {its.dataset: its for its in committed.data}, {its.dataset: its for its in fresh.data}),
+        (
+            "incompleteness",
+            {its.name: its for its in committed.incompletenesses},
+            {its.name: its for its in fresh.incompletenesses},
+        ),
+        ("task", committed.task_of, fresh.task_of),
+    ):
+        for name, old in olds.items():
+            new = news.get(name)
+            if new is not None and _version(old) != _version(new):
+                told = f"{kind} {name} is {_version(new)}, the board's is {_version(old)}; build the board again"
+                yield Finding("changed", "", name if kind == "task" else "", told)
+    digests = {(its.dataset, scene): digest for its in committed.data for scene, digest in its.scenes.items()}
+    for data in fresh.data:
+        other = [name for name, digest in data.scenes.items() if digests.get((data.dataset, name), digest) != digest]
+        if other:
+            told = f"{len(other)} scenes of {data.dataset} have other content than the board's: {other[0]} is the first"
+            yield Finding("changed", "", "", told)
+
+
+def _version(protocol: Any) -> str:
+    options = ", ".join(f"{name}={value}" for name, value in sorted(protocol.options.items()))
+    return f"version {protocol.version}" + (f" ({options})" if options else "")
+
+
+def _pairs(committed: Board, fresh: Board) -> dict[str, list[_Pair]]:
+    """By the committed board's label, the cells that both have."""
+    label_of = {new.label: old.label for old, new in _matched(committed, fresh) if new is not None}
+    found: dict[str, list[_Pair]] = {its.label: [] for its in committed.completers if its.label in label_of.values()}
+    old_cells = {(_case_key(committed, cell), cell.completer): cell for cell in committed.cells}
+    for cell in fresh.cells:
+        label = label_of.get(cell.completer, "")
+        old = old_cells.get((_case_key(fresh, cell), label))
+        if old is not None:
+            found[label].append(_Pair(committed.cases[old.case], old, cell))
+    return found
+
+
+def _matched(committed: Board, fresh: Board) -> Iterator[tuple[BoardCompleter, BoardCompleter | None]]:
+    """Each completer of the committed board and the fresh one of its options, else the only one of its name."""
+    for old in committed.completers:
+        named = [new for new in fresh.completers if new.name == old.name]
+        alone = len(named) == 1 and sum(one.name == old.name for one in committed.completers) == 1
+        same = [new for new in named if canonical_json(new.options) == canonical_json(old.options)]
+        yield old, named[0] if alone else same[0] if len(same) == 1 else None
+
+
+def _case_key(board: Board, cell: BoardCell) -> tuple:
+    case = board.cases[cell.case]
+    return board.data[case.data].dataset, case.scene, case.incompleteness, case.level, case.draw, case.seed
+
+
+def _unmatched(committed: Board, fresh: Board) -> Iterator[Finding]:
+    matched = list(_matched(committed, fresh))
+    for old, new in matched:
+        if new is None:
+            yield Finding("note", old.label, "", f"{old.label} is on the board and was not run")
+        elif canonical_json(new.options) != canonical_json(old.options):
+            yield Finding("note", old.label, "", f"{old.label} was run with other options than the board's")
+    known = {new.label for _, new in matched if new is not None}
+    for its in fresh.completers:
+        if its.label not in known:
+            yield Finding("note", its.label, "", f"{its.label} is not on the board")
+
+
+def _lost(pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
+    """Cases that were measured and are not any more, and the other way round."""
+    for label, its in pairs.items():
+        for task in sorted({task for pair in its for task in pair.old.results} - altered):
+            both = [(pair, pair.old.results[task], pair.new.results[task]) for pair in its if _both(pair, task)]
+            lost = [(pair, new) for pair, old, new in both if old.status == "ok" != new.status]
+            if lost:
+                pair, new = lost[0]
+                told = (
+                    f"{task} of {label}: {len(lost)} of {len(both)} cases {new.status}: {pair.case.scene}: {new.error}"
+                )
+                yield Finding("failed", label, task, told)
+            found = sum(new.status == "ok" != old.status for _, old, new in both)
+            if found:
+                yield Finding("repaired", label, task, f"{task} of {label}: {found} cases are measured that were not")
+
+
+def _reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
+    """References do nothing that could get better or worse: where their values differ, what measures them does."""
+    for label, its in pairs.items():
+        if not committed.completer_of[label].reference:
+            continue
+        for task in sorted({task for pair in its for task in pair.old.results} - altered):
+            both = [(pair.old.results[task], pair.new.results[task]) for pair in its if _both(pair, task)]
+            differing = [
+                name
+                for old, new in both
+                for name, value in old.values.items()
+                if name in new.values and not np.isclose(value, new.values[name], rtol=AGREEMENT, atol=_SAME)
+            ]
+            if differing:
+                told = (
+                    f"{task} of the reference {label} differs ({differing[0]} and others, {len(differing)} values of "
+                    f"{len(both)} cases): what is measured has changed; raise the version of what did, and build the "
+                    "board again"
+                )
+                yield Finding("changed", label, task, told)
+
+
+def _value_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
+    """Metrics of completers that got worse or better."""
+    tests = []
+    for label, its in pairs.items():
+        if committed.completer_of[label].reference:
+            continue
+        for task in committed.tasks:
+            if task.name in altered:
+                continue
+            for metric in task.metrics:
+                relative, scale = _relative_differences(its, task.name, metric.name)
+                if len(relative) >= FEWEST_CASES and np.abs(relative).max() > _SAME:
+                    worse = relative if metric.direction == "lower" else -relative
+                    tests.append((label, task.name, metric.name, worse, scale))
+    p_values = [min(_p_value(worse), _p_value(-worse)) for *_, worse, _ in tests]
+    for number in _rejected_by_holm(p_values):
+        label, task_name, name, worse, scale = tests[number]
+        mean = float(worse.mean())
+        if abs(mean) > LEAST_CHANGE:
+            kind: Kind = "worse" if mean > 0 else "better"
+            told = (
+                f"{name} ({task_name}) of {label}: {kind} by {abs(mean):.2%} of its mean ({scale:.4g}) over "
+                f"{len(worse)} cases, in {int((worse > 0).sum() if mean > 0 else (worse < 0).sum())} of them"
+            )
+            yield Finding(kind, label, task_name, told)
+
+
+def _relative_differences(pairs: Sequence[_Pair], task: str, metric: str) -> tuple[NDArray[np.float64], float]:
+    """(n,) new less old of each case, as a share of the mean of its incompleteness and level; and the overall mean."""
+    by_table: dict[tuple[str, float], list[tuple[float, float]]] = defaultdict(list)
+    for pair in pairs:
+        if _both(pair, task):
+            old, new = (cell.results[task].values.get(metric) for cell in (pair.old, pair.new))
+            if old is not None and new is not None:
+                by_table[pair.case.incompleteness, pair.case.level].append((old, new))
+    relative, means = [np.empty(0)], []
+    for its in by_table.values():
+        values = np.array(its)
+        scale = float(np.abs(values[:, 0]).mean())
+        means.append(scale)
+        relative.append((values[:, 1] - values[:, 0]) / (scale or 1.0))
+    return np.concatenate(relative), float(np.mean(means)) if means else 0.0
+
+
+def _p_value(worse: NDArray[np.float64]) -> float:
+    """That of a one-sided t-test for a mean above 0."""
+    if np.ptp(worse) == 0:
+        return 0.0 if worse[0] > 0 else 1.0
+    return float(ttest_1samp(worse, 0.0, alternative="greater").pvalue)
+
+
+def _rejected_by_holm(p_values: Sequence[float]) -> list[int]:
+    """Which hypotheses fall; half the significance for each side, since either may be asked about."""
+    rejected = []
+    for rank, number in enumerate(np.argsort(p_values, kind="stable")):
+        if p_values[number] > SIGNIFICANCE / 2 / (len(p_values) - rank):
+            break
+        rejected.append(int(number))
+    return sorted(rejected)
+
+
+def _time_changes(committed: Board, fresh: Board, pairs: Mapping[str, Sequence[_Pair]]) -> Iterator[Finding]:
+    """Completers that take longer, or shorter, as ratios to the calibration jobs."""
+    for label, its in pairs.items():
+        if committed.completer_of[label].reference:
+            continue
+        ratios = []
+        for pair in its:
+            old = _calibrated(committed, pair.old)
+            new = _calibrated(fresh, pair.new)
+            if old and new and max(pair.old.seconds or 0, pair.new.seconds or 0) >= _SHORTEST_SECONDS:
+                ratios.append(new / old)
+        if len(ratios) >= FEWEST_CASES:
+            ratio = float(np.median(ratios))
+            told = f"{label} takes {ratio:.2g} times its time on the board, calibrated (median of {len(ratios)} cases)"
+            if ratio >= SLOWER:
+                yield Finding("slower", label, "", told)
+            elif ratio <= 1 / SLOWER:
+                yield Finding("faster", label, "", told)
+        elif its:
+            yield Finding("note", label, "", f"{label} has no times to compare")
+
+
+def _calibrated(board: Board, cell: BoardCell) -> float | None:
+    calibration = board.runs[cell.run].calibration_seconds
+    return cell.seconds / calibration if cell.seconds and calibration else None
+
+
+def _both(pair: _Pair, task: str) -> bool:
+    return task in pair.old.results and task in pair.new.results
+
+
+def _has_task(pairs: Sequence[_Pair], task: str) -> bool:
+    return any(_both(pair, task) for pair in pairs)
