@@ -3,31 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from pcdbench.cloud import PointCloud
 
-_ADDED_FIELD = "added"
+_ADDED_FIELD, _CONFIDENCE_FIELD = "added", "confidence"
 
 
 def view(
-    clouds: Annotated[list[Path], typer.Argument(help="Files of clouds in one frame, metres, z up.")],
+    clouds: Annotated[list[Path], typer.Argument(help="Files of clouds in one frame, metres.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("view.html"),
     reference: Annotated[
         Path | None, typer.Option(help="A cloud; points are coloured by their distance to it, too.")
     ] = None,
     points: Annotated[int, typer.Option(help="Show at most so many points of each cloud.")] = 200_000,
+    up: Annotated[str, typer.Option(help="The clouds' up axis: z, y, x, -z, -y or -x.")] = "z",
 ) -> None:
     """Write a page that shows clouds side by side: turn, move and zoom them together, in any browser, offline.
 
-    Points are coloured by their colour, by what a completer added, by height, by distance to a reference. What
-    was added is what a file's field `added` says, else the points that the first cloud does not have.
+    Points are coloured by their colour, by what a completer added and with what confidence, by height, by distance to
+    a reference. What was added is what a file's field `added` says, else the points that the first cloud does not have.
     """
     from pcdbench.viewing.page import require_page
     from pcdbench.viewing.page import view as view_of
@@ -37,9 +37,13 @@ def view(
     read = {name: _read(path) for name, path in zip(names, clouds, strict=True)}
     seen = view_of(
         {name: cloud for name, (cloud, _) in read.items()},
-        added={name: added for name, (_, added) in read.items() if added is not None},
+        added={name: fields[_ADDED_FIELD] > 0 for name, (_, fields) in read.items() if _ADDED_FIELD in fields},
+        confidence={
+            name: fields[_CONFIDENCE_FIELD] for name, (_, fields) in read.items() if _CONFIDENCE_FIELD in fields
+        },
         reference=None if reference is None else _read(reference)[0],
         points=points,
+        up=up,
     )
     seen.write(out)
     shown = sum(len(its.cloud) for its in seen.shown)
@@ -64,8 +68,8 @@ def _names(paths: list[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else whole
 
 
-def _read(path: Path) -> tuple[PointCloud, NDArray[np.bool_] | None]:
-    """The cloud of a file, and which of its points its field `added` marks; what is odd goes to standard error."""
+def _read(path: Path) -> tuple[PointCloud, dict[str, NDArray[Any]]]:
+    """The cloud of a file, and those of its fields that can be shown; what is odd goes to standard error."""
     import warnings
 
     from pcdbench.formats import CloudWarning, carries_fields, read_cloud, read_fields
@@ -75,6 +79,11 @@ def _read(path: Path) -> tuple[PointCloud, NDArray[np.bool_] | None]:
         cloud = read_cloud(path)
     for one in odd:
         typer.echo(f"pcdbench: {one.message}", err=True)
-    marks = read_fields(path).get(_ADDED_FIELD) if carries_fields(path) else None
-    # Of rows that were dropped, nobody knows to which points the marks of the others belong.
-    return cloud, None if marks is None or len(marks) != len(cloud) else marks > 0
+    fields = read_fields(path) if carries_fields(path) else {}
+    # Of rows that were dropped, nobody knows to which points the fields of the others belong.
+    fields = {name: values for name, values in fields.items() if len(values) == len(cloud)}
+    trust = fields.get(_CONFIDENCE_FIELD)
+    if trust is not None and not ((trust >= 0) & (trust <= 1)).all():
+        typer.echo(f"pcdbench: {path}: its field confidence is not within [0, 1], and is not shown", err=True)
+        del fields[_CONFIDENCE_FIELD]
+    return cloud, fields

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
-from pcdbench.completion.frames import Frame
 from pcdbench.formats import carries_fields, write_cloud
+from pcdbench.geometry.frames import Frame
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,13 @@ from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.completion.completed import Completed
 from pcdbench.completion.confidence import factors
-from pcdbench.completion.frames import Frame
 from pcdbench.completion.surface import RADIUS_OF_SPACING
 from pcdbench.completion.tile_work import AGREES_WITHIN, FEWEST_POINTS, TileResult, TileTask
 from pcdbench.completion.tiles import Index, Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.formats.columns import needs_double
+from pcdbench.geometry.frames import Frame
 
 if TYPE_CHECKING:
     from pcdbench.runner.selection import Plugin

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.completion.densify import at_density
-from pcdbench.completion.evidence import evidence, gap_areas
+from pcdbench.completion.evidence import evidence
+from pcdbench.completion.gaps import gap_areas
 from pcdbench.completion.surface import RADIUS_OF_SPACING, local_planes, spacing_at, spacing_inside
 from pcdbench.completion.tiles import FINEST_SPACING_M, WORKING_POINTS
 from pcdbench.errors import PluginError
@@ -115,7 +116,7 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
     full_spacing = spacing_inside(working.points, tree, everything)
     # The lowest points of a cloud lie on the sides of their tiles.
     own = (np.abs(union) <= task.half_m + 1e-6).all(axis=1)
-    gaps_m2 = np.where(own, gap_areas(union, normals, spacing_at(union, cKDTree(union))), 0.0)
+    gaps_m2 = np.where(own, gap_areas(union, normals, spacing_at(union, cKDTree(union)), working.points), 0.0)
     rim = np.flatnonzero(gaps_m2)
     nearest = _nearest(tree, new.points, 8)
     wanted = np.median(full_spacing[nearest], axis=1)

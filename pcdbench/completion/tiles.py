@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from pcdbench.completion.frames import Frame
 from pcdbench.errors import PcdbenchError
+from pcdbench.geometry.frames import Frame
 from pcdbench.geometry.neighbors import median_spacing
 
 # With 1 m, a hole of 1.4 m radius on a corner of four tiles got a fifth of what one piece puts there; with 1.5 m, all.

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pcdbench import __version__
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import PcdbenchError
+from pcdbench.geometry.frames import Frame
 from pcdbench.viewing.payload import MODES, payload
 from pcdbench.viewing.shown import Shown, shown_clouds
 
@@ -80,23 +81,29 @@ def view(
     clouds: PointCloud | Mapping[str, PointCloud],
     *,
     added: Mapping[str, NDArray[np.bool_]] | None = None,
+    confidence: Mapping[str, NDArray[np.floating[Any]]] | None = None,
     reference: PointCloud | None = None,
     points: int = FLUENT_POINTS,
+    up: str = "z",
 ) -> View:
     """Clouds side by side with linked cameras; a notebook shows what this returns.
 
     Args:
-        clouds: one cloud, or several by name, all in one frame with z up.
+        clouds: one cloud, or several by name, all in one frame.
         added: by name, (N,) which points a completer added. Unless given, a point of a later cloud counts as
             added that is no point of the first cloud, where that one is largely contained in it.
+        confidence: by name, (N,) in [0, 1], how far each point can be trusted; only what was added is coloured by it.
         reference: colours points by their distance to the nearest one of its points.
         points: of a cloud at most; larger clouds are thinned, and their caption says so.
+        up: the axis of all clouds and the reference that is up: z, y, x, -z, -y or -x.
 
     Raises:
-        PcdbenchError: where there is no cloud, one without points, or a mask that does not fit its cloud.
+        PcdbenchError: where there is no cloud, one without points, a mask or a confidence that does not fit its
+            cloud, or an unknown axis.
     """
+    frame = Frame.with_up(up)
     named = dict(clouds) if isinstance(clouds, Mapping) else {"cloud": clouds}
-    marks = dict(added or {})
+    marks, trust = dict(added or {}), dict(confidence or {})
     if not named:
         raise PcdbenchError("there is no cloud to view; give at least one")
     if points < 1:
@@ -104,15 +111,30 @@ def view(
     for name, cloud in [*named.items(), ("the reference", reference)]:
         if cloud is not None and not len(cloud):
             raise PcdbenchError(f"{name} has no points, so there is nothing to view; leave it out")
-    for name, mask in marks.items():
-        if name not in named:
-            raise PcdbenchError(f"added names {name!r}, which is no cloud here; use one of {', '.join(named)}")
-        if np.shape(mask) != (len(named[name]),):
-            raise PcdbenchError(
-                f"added of {name} has shape {np.shape(mask)}; give one value for each of {len(named[name]):,} points"
-            )
+    _require_fit("added", marks, named)
+    _require_fit("confidence", trust, named)
+    for name, values in trust.items():
+        if not ((np.asarray(values) >= 0) & (np.asarray(values) <= 1)).all():
+            raise PcdbenchError(f"confidence of {name} is not within [0, 1]; scale it, or leave it out")
     known = [np.asarray(marks[name], dtype=bool) if name in marks else None for name in named]
-    return View(shown_clouds(list(named.items()), known, reference, points), " · ".join(named))
+    upright = [(name, _upright(cloud, frame)) for name, cloud in named.items()]
+    sure = {name: np.asarray(values, np.float64) for name, values in trust.items()}
+    seen_from = None if reference is None else _upright(reference, frame)
+    return View(shown_clouds(upright, known, seen_from, points, sure), " · ".join(named))
+
+
+def _require_fit(what: str, given: Mapping[str, NDArray[Any]], named: Mapping[str, PointCloud]) -> None:
+    for name, values in given.items():
+        if name not in named:
+            raise PcdbenchError(f"{what} names {name!r}, which is no cloud here; use one of {', '.join(named)}")
+        if np.shape(values) != (len(named[name]),):
+            raise PcdbenchError(
+                f"{what} of {name} has shape {np.shape(values)}; give one value for each of {len(named[name]):,} points"
+            )
+
+
+def _upright(cloud: PointCloud, frame: Frame) -> PointCloud:
+    return PointCloud(frame.upright(cloud.points), cloud.colors)
 
 
 def viewer_assets() -> str:
@@ -200,6 +222,9 @@ def _mode(name: str, checked: bool) -> str:
 def _legend(mode: str, content: Mapping[str, Any], shown: Sequence[Shown]) -> str:
     if mode == "added":
         inside = '<i class="swatch observed"></i>observed <i class="swatch added"></i>added'
+    elif mode == "confidence":
+        inside = '<i class="swatch observed"></i>observed, added with confidence 0 '
+        inside += '<canvas class="bar" data-map="confidence"></canvas> 1'
     elif mode == "height":
         inside = f'0 <canvas class="bar" data-map="height"></canvas> {content["high"][2] - content["low"][2]:.2f} m'
         inside += " above the floor"

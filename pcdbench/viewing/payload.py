@@ -13,8 +13,14 @@ from numpy.typing import NDArray
 from pcdbench.geometry.neighbors import median_spacing
 from pcdbench.viewing.shown import SAME_POINT_M, Shown, ceiling_cut_m, cell_numbers
 
-MODES = {"color": "Colour", "added": "Added", "height": "Height", "distance": "Distance"}
-COLORMAPS = {"height": "viridis", "distance": "plasma"}
+MODES = {
+    "color": "Colour",
+    "added": "Added",
+    "confidence": "Confidence",
+    "height": "Height",
+    "distance": "Distance",
+}
+COLORMAPS = {"confidence": "RdYlGn", "height": "viridis", "distance": "plasma"}
 _STEPS = 65535
 _SMALLEST_SPAN_M = 1e-3
 _CELLS = 80
@@ -30,7 +36,7 @@ def payload(shown: Sequence[Shown]) -> dict[str, Any]:
     shows at first, `cut_m`, where the ceiling is taken off (null where there is none) and `top_m`, all metres
     above the frame's corner; `spacing_m`, how wide points are drawn at first; `modes`, `mode`, those to choose from
     and the first one; `distance_max_m`, what the last colour stands for; `maps`, 256 colours each; `clouds`,
-    each with `xyz` (uint16, little endian), `rgb`, `added` (bits, lowest first) and `distance` (or null).
+    each with `xyz` (uint16, little endian), `rgb`, `added` (bits, lowest first), `confidence` and `distance` (or null).
     """
     points = np.concatenate([its.cloud.points for its in shown])
     corner = points.min(axis=0)
@@ -64,6 +70,7 @@ def _packed(its: Shown, corner: NDArray[np.float64], span: float, distance_max: 
         "xyz": _base64(steps),
         "rgb": None if colors is None else _base64(np.rint(colors * 255).astype(np.uint8)),
         "added": None if its.added is None else _base64(np.packbits(its.added, bitorder="little")),
+        "confidence": None if its.confidence is None else _base64(np.rint(its.confidence * 255).astype(np.uint8)),
         "distance": None if distance is None else _base64(distance),
     }
 
@@ -84,6 +91,7 @@ def _modes(shown: Sequence[Shown]) -> list[str]:
     possible = {
         "color": any(its.cloud.colors is not None for its in shown),
         "added": any(its.added is not None for its in shown),
+        "confidence": any(its.confidence is not None for its in shown),
         "height": True,
         "distance": any(its.distance_m is not None for its in shown),
     }

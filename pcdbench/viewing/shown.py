@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,7 @@ class Shown:
         far: how many points are left out because they lie far away from everything else.
         added: (N,) bool, which of the shown points a completer added; None where that means nothing.
         added_total: how many of all its points were added.
+        confidence: (N,) in [0, 1], how far each shown point can be trusted; None where nobody says.
         compared_with: the name of the cloud whose points are the observed ones, where no mark in the file says so.
         distance_m: (N,) from each shown point to the nearest one of the reference; None without reference.
     """
@@ -44,6 +45,7 @@ class Shown:
     added_total: int = 0
     compared_with: str | None = None
     distance_m: NDArray[np.float64] | None = None
+    confidence: NDArray[np.float64] | None = None
 
 
 def shown_clouds(
@@ -51,6 +53,7 @@ def shown_clouds(
     added: Sequence[NDArray[np.bool_] | None],
     reference: PointCloud | None,
     at_most: int,
+    confidence: Mapping[str, NDArray[np.float64]] | None = None,
 ) -> list[Shown]:
     """What is shown of each named cloud.
 
@@ -60,6 +63,7 @@ def shown_clouds(
             a later cloud that are no points of the first one, if at least half of the first one's are in it.
         reference: what distances are measured to.
         at_most: points of a cloud; larger ones are thinned by a random draw that is always the same.
+        confidence: by name, (N,) in [0, 1], for clouds that have it.
     """
     core_low, core_high = _core([cloud.points for _, cloud in clouds])
     shown = []
@@ -72,6 +76,7 @@ def shown_clouds(
         if marked is None and number:
             marked = missing_in(cloud, clouds[0][1])
         part = cloud.select(kept)
+        trust = (confidence or {}).get(name)
         shown.append(
             Shown(
                 name=name,
@@ -82,6 +87,7 @@ def shown_clouds(
                 added_total=0 if marked is None else int(marked.sum()),
                 compared_with=clouds[0][0] if known is None and marked is not None else None,
                 distance_m=None if reference is None else nearest(part.points, reference.points)[0],
+                confidence=None if trust is None else trust[kept],
             )
         )
     return shown

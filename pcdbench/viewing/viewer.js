@@ -103,7 +103,7 @@ class Viewer {
 
   /** Four bytes a point: its colour in the mode that is on, and padding. */
   colorsOf(cloud) {
-    const { count, positions, rgb, added, distance } = cloud;
+    const { count, positions, rgb, added, confidence, distance } = cloud;
     const colors = new Uint8Array(4 * count);
     const [low, high] = [this.data.low[2], this.data.high[2]].map((value) => (value / this.data.span_m) * 65535);
     const height = (i) => Math.min(1, Math.max(0, (positions[4 * i + 2] - low) / Math.max(high - low, 1)));
@@ -115,10 +115,15 @@ class Viewer {
     };
     // What has one colour is lighter the higher it is, or desks could not be told from floors.
     const light = (i) => 0.72 + 0.4 * height(i);
+    const isAdded = (i) => (added ? (added[i >> 3] >> (i & 7)) & 1 : 1);
     if (this.mode === "color" && rgb) fill(rgb, (i) => 3 * i);
     else if (this.mode === "distance") fill(this.maps.distance, (i) => 3 * distance[i]);
     else if (this.mode === "height") fill(this.maps.height, (i) => 3 * Math.round(255 * height(i)));
-    else if (this.mode === "added" && added) fill([...OBSERVED, ...ADDED], (i) => 3 * ((added[i >> 3] >> (i & 7)) & 1), light);
+    else if (this.mode === "added" && added) fill([...OBSERVED, ...ADDED], (i) => 3 * isAdded(i), light);
+    else if (this.mode === "confidence" && confidence) {
+      // What was observed is not in question.
+      fill([...OBSERVED, ...this.maps.confidence], (i) => isAdded(i) * (3 + 3 * confidence[i]), (i) => (isAdded(i) ? 1 : light(i)));
+    }
     else fill(OBSERVED, () => 0, light);
     return colors;
   }
@@ -254,7 +259,7 @@ function unpacked(packed) {
     for (let axis = 0; axis < 3; axis++) positions[4 * i + axis] = raw[6 * i + 2 * axis] | (raw[6 * i + 2 * axis + 1] << 8);
   }
   const optional = (name) => (packed[name] === null ? null : bytes(packed[name]));
-  return { count, positions, rgb: optional("rgb"), added: optional("added"), distance: optional("distance") };
+  return { count, positions, rgb: optional("rgb"), added: optional("added"), confidence: optional("confidence"), distance: optional("distance") };
 }
 
 let renderer = null;

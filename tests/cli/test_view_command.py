@@ -51,6 +51,29 @@ def test_the_field_added_of_a_file_says_what_was_added(scans: Path, room: Scene,
     assert "4,000 points · 120 added (3%)" in (scans / "view.html").read_text()
 
 
+def test_the_field_confidence_of_a_file_is_shown_where_it_is_one(scans: Path, room: Scene) -> None:
+    trust = np.linspace(0, 1, len(room.complete), dtype=np.float32)
+    write_cloud(room.complete, scans / "done.ply", {"confidence": trust})
+    assert view("done.ply").stderr == ""
+    assert 'data-mode="confidence"' in (scans / "view.html").read_text()
+    write_cloud(room.complete, scans / "phone.ply", {"confidence": 2 * trust})
+    assert (
+        view("phone.ply").stderr == "pcdbench: phone.ply: its field confidence is not within [0, 1], and is not shown\n"
+    )
+    assert 'data-mode="confidence"' not in (scans / "view.html").read_text()
+
+
+def test_another_axis_may_be_up(scans: Path, room: Scene) -> None:
+    turned = room.complete.points[:, [1, 2, 0]]  # its y axis is the room's z axis
+    PointCloud(turned, room.complete.colors).write("turned.npz")
+    room.complete.write("upright.npz")
+    pages = []
+    for arguments in (("upright.npz",), ("turned.npz", "--up", "y"), ("turned.npz",)):
+        view(*arguments, "-o", "page.html")
+        pages.append((scans / "page.html").read_text().replace("turned", "upright"))
+    assert pages[0] == pages[1] != pages[2]
+
+
 def test_dropped_rows_are_told_and_their_marks_not_believed(scans: Path) -> None:
     rows = np.column_stack([np.random.default_rng(0).random((100, 3)), np.ones(100)])
     rows[3, 0] = np.nan
@@ -83,6 +106,7 @@ def test_any_file_name_is_shown_as_it_is(scans: Path, cloud: PointCloud, name: s
         (["nowhere.ply"], "nowhere.ply: there is no such file; check the path"),
         (["a.ply", "-o", "b.laz"], "b.laz is no name for a page; let it end in .html"),
         (["a.ply", "a.ply"], "a.ply is given twice; give each cloud once"),
+        (["a.ply", "--up", "w"], "up axis 'w' is none of z y x -z -y -x; --up y suits most phone apps"),
         (["a.ply", "--points", "0"], "0 points cannot be viewed; show at least 1 of each cloud"),
         (["a.ply", "--reference", "no.ply"], "no.ply: there is no such file; check the path"),
         (["a.ply", "-o", "a.ply/x.html"], "a.ply/x.html cannot be written: File exists; choose another place"),

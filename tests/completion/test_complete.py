@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 import pcdbench
 from pcdbench import Completer, PcdbenchError, PointCloud
 from pcdbench.completion import CompletionWarning
-from pcdbench.completion.frames import UPS, Frame
 from pcdbench.completion.tiles import Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError
+from pcdbench.geometry.frames import UPS, Frame
 
 HOLE, RADIUS_M = (3.0, 2.6, 0.0), 1.0
 

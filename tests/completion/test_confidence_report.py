@@ -13,7 +13,8 @@ import pcdbench
 from pcdbench import Completer, PointCloud
 from pcdbench.completion import CompletionWarning
 from pcdbench.completion.confidence import factors
-from pcdbench.completion.evidence import evidence, gap_areas
+from pcdbench.completion.evidence import evidence
+from pcdbench.completion.gaps import gap_areas
 from pcdbench.completion.regions import regions_to_scan
 from pcdbench.completion.report import write_report
 from pcdbench.datasets.synthetic import Indoor
@@ -150,10 +151,29 @@ def test_gaps_are_measured_and_edges_are_none():
     middle = np.linalg.norm(points - [2, 2, 0], axis=1)
     points = points[middle > 0.6]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    areas = gap_areas(points, up, np.full(len(points), 0.05))
+    areas = gap_areas(points, up, np.full(len(points), 0.05), points)
     assert areas.sum() == pytest.approx(np.pi * 0.6**2, rel=0.35)
     rims = points[areas > 0]
     assert np.abs(np.linalg.norm(rims - [2, 2, 0], axis=1) - 0.6).max() < 0.1, "not the edge of the plane"
+
+
+@pytest.mark.parametrize(("beneath_m", "is_gap"), [(None, True), (0.7, False), (0.1, True), (2.0, True)])
+def test_the_floor_seen_between_two_tables_tells_that_they_are_two(beneath_m, is_gap):
+    tables = plane(height_m=0.7)
+    tables = tables[np.abs(tables[:, 0] - 2) > 0.5]
+    up = np.tile([0.0, 0.0, 1.0], (len(tables), 1))
+    beneath = np.empty((0, 3)) if beneath_m is None else plane(height_m=0.7 - beneath_m)
+    between = np.abs(beneath[:, 0] - 2) <= 0.5
+    areas = gap_areas(tables, up, np.full(len(tables), 0.05), np.concatenate([tables, beneath[between]]))
+    assert areas.sum() == (pytest.approx(4 * 1.0, rel=0.15) if is_gap else 0.0)
+
+
+def test_a_gap_in_a_wall_is_one_whatever_lies_beneath():
+    wall = plane()[:, [0, 2, 1]]
+    wall = wall[np.linalg.norm(wall - [2, 0, 2], axis=1) > 0.6]
+    sideways = np.tile([0.0, 1.0, 0.0], (len(wall), 1))
+    areas = gap_areas(wall, sideways, np.full(len(wall), 0.05), np.concatenate([wall, plane()]))
+    assert areas.sum() == pytest.approx(np.pi * 0.6**2, rel=0.35)
 
 
 class Idle(Completer):

@@ -43,6 +43,19 @@ def test_marks_come_before_comparing_and_follow_their_points_through_thinning(ro
     assert len(first.cloud) == len(second.cloud) == 1000 and first.total == len(cloud)
 
 
+def test_confidence_follows_its_points_and_is_packed(room: Scene) -> None:
+    cloud = room.complete
+    trust = np.clip(cloud.points[:, 0] / 5, 0, 1)
+    first, second = shown_clouds([("a", cloud), ("b", cloud)], [None, None], None, 1000, {"b": trust})
+    assert first.confidence is None
+    np.testing.assert_allclose(second.confidence, np.clip(second.cloud.points[:, 0] / 5, 0, 1))
+    packed = payload([first, second])
+    assert packed["modes"] == ["color", "added", "confidence", "height"]
+    assert packed["clouds"][0]["confidence"] is None
+    numbers = np.frombuffer(base64.b64decode(packed["clouds"][1]["confidence"]), np.uint8)
+    np.testing.assert_allclose(numbers / 255, second.confidence, atol=0.5 / 255)
+
+
 def test_thinning_is_even_and_always_the_same() -> None:
     cloud = PointCloud(np.column_stack([np.arange(50_000) / 1000, np.zeros(50_000), np.zeros(50_000)]))
     (its,) = shown_clouds([("a", cloud)], [None], None, 5000)

@@ -69,6 +69,29 @@ def test_modes_color_the_pixels_and_the_slider_takes_the_ceiling_off(view: View,
     assert found["small"] < 0.6
 
 
+def test_confidence_colors_what_was_added_alone(tmp_path: Path) -> None:
+    floor = slab((0, 0, 0), (5, 4, 0.02), BLUE)
+    added = {"seen": np.zeros(len(floor), bool), "doubtful": np.ones(len(floor), bool)}
+    trust = {"sure": np.ones(len(floor)), "seen": np.ones(len(floor)), "doubtful": np.zeros(len(floor))}
+    view = pcdbench.view(dict.fromkeys(trust, floor), added=added, confidence=trust)
+    found = found_in(
+        view.html,
+        """
+        choose("confidence");
+        press(canvases()[0], "t");
+        slide("size", 1);
+        const legends = [...document.querySelectorAll("[data-legend]:not([hidden])")].map((its) => its.innerText);
+        return { means: canvases().map(mean), legends };
+        """,
+        tmp_path,
+    )
+    sure, seen, doubtful = (np.array(mean) for mean in found["means"])
+    assert np.ptp(seen) < 30, "what was observed is grey"
+    assert doubtful[0] > doubtful[1] + 80, "red"
+    assert sure[1] > sure[0] + 60, "green, and all of a cloud that says nothing of what was added"
+    assert found["legends"][0].split()[-1] == "1" and len(found["legends"]) == 1
+
+
 def test_mouse_touch_and_keys_move_all_panels_together(view: View, tmp_path: Path) -> None:
     found = found_in(
         view.html,
