@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pcdbench.downloads import downloaded, is_address
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import file_digest
 
@@ -28,13 +29,13 @@ class Weights:
 
         Args:
             shipped: where the package has them.
-            own: a file to use instead; empty for none.
+            own: a file to use instead, on disk or at `https://...#sha256=DIGEST`; empty for none.
             name: of the completer, for messages.
 
         Raises:
-            PcdbenchError: where the file is missing or is not the one its card describes.
+            PcdbenchError: where the file is missing, or is not the one that its card or its digest describes.
         """
-        self.path = Path(own) if own else shipped
+        self.path = downloaded(own) if is_address(own) else Path(own) if own else shipped
         self._name = name
         if not self.path.is_file():
             cure = (

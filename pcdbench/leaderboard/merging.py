@@ -11,7 +11,8 @@ from typing import Any
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json
 from pcdbench.leaderboard.summary import level_text
-from pcdbench.runner.store import RUN, read_rows, read_run
+from pcdbench.runner.row_shape import require_sound_rows
+from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
 
 # Machines round differently; what they measure of one key differs by less than this share of the value.
 AGREEMENT = 1e-3
@@ -89,6 +90,7 @@ def _read(folder: Path) -> RunRows:
     if "configuration" not in facts:
         raise PcdbenchError(f"{folder / RUN} has no configuration; run its command again into another folder")
     rows = read_rows(folder)
+    require_sound_rows(rows, folder / ROWS)
     for row in rows:
         for name in _DROPPED:
             row.pop(name, None)

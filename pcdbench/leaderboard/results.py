@@ -13,9 +13,10 @@ import pandas as pd
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.figures import figures_of
 from pcdbench.leaderboard.summary import samples_table, summarize
+from pcdbench.runner.row_shape import require_sound_rows
 from pcdbench.runner.rows import Row
 from pcdbench.runner.selection import Plugin
-from pcdbench.runner.store import RUN, read_rows, read_run
+from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,10 +98,11 @@ def rows_of_run(folder: Path) -> list[Row]:
     """All rows of a run.
 
     Raises:
-        PcdbenchError: where there is no run, or nothing in it yet.
+        PcdbenchError: where there is no run, or nothing in it yet; where one of its rows is not what rows are.
     """
     read_run(folder)
     rows = read_rows(folder)
+    require_sound_rows(rows, folder / ROWS)
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
     return rows

@@ -5,8 +5,11 @@ Native readers may crash, hang or ask for all memory there is; then this process
 
 from __future__ import annotations
 
+import importlib
 import json
+import os
 import resource
+import signal
 import sys
 import time
 import traceback
@@ -20,6 +23,8 @@ from pcdbench.errors import PcdbenchError
 
 # What a file may make this process ask for beyond what it has; malloc then fails instead of swapping.
 _LIMIT_BYTES = 2 << 30
+# Of processor time: no file here is larger than some kilobytes. The signal ends native loops too.
+LONGEST_S = 20.0
 
 
 def _cloud(path: Path) -> None:
@@ -55,24 +60,85 @@ def _run(path: Path) -> None:
         print_summary(rows_of_run(path.parent), path.parent, format)
 
 
-TARGETS: dict[str, Callable[[Path], None]] = {"cloud": _cloud, "boxes": _boxes, "run": _run}
+def _sequence(path: Path) -> None:
+    from pcdbench.datasets.rgbd.layouts import layout_of, read_sequence
+
+    folder = next(folder for folder in path.parents if layout_of(folder))
+    read_sequence(folder)
+
+
+def _s3dis(path: Path) -> None:
+    from pcdbench.datasets.s3dis.text import read_rows
+
+    rows, findings = read_rows(path, path.name)
+    assert np.isfinite(rows).all() and rows.shape[1] in (3, 6) and len(findings) < 20
+
+
+def _weights(path: Path) -> None:
+    import torch
+
+    from pcdbench.weights import Weights
+
+    own = path.with_name(path.name.partition(".")[0] + ".safetensors")
+    Weights(Path("none"), str(own), "net").load_into(torch.nn.Linear(3, 2))
+
+
+def _checkpoint(path: Path) -> None:
+    import torch
+
+    from pcdbench.training.checkpoint import load_checkpoint
+
+    network = torch.nn.Linear(3, 2)
+    load_checkpoint(path, network, {}, torch.optim.Adam(network.parameters()))
+
+
+TARGETS: dict[str, Callable[[Path], None]] = {
+    "cloud": _cloud,
+    "boxes": _boxes,
+    "run": _run,
+    "sequence": _sequence,
+    "s3dis": _s3dis,
+    "weights": _weights,
+    "checkpoint": _checkpoint,
+}
+# The libraries' own size is not that of a file.
+_LIBRARIES = {
+    "cloud": ("laspy", "lazrs", "pye57"),
+    "boxes": ("pcdbench.datasets.boxes",),
+    "run": ("pcdbench.cli.results", "pcdbench.leaderboard.results", "pcdbench.leaderboard.render", "rich.table"),
+    "sequence": ("pcdbench.datasets.rgbd.layouts",),
+    "s3dis": ("pcdbench.datasets.s3dis.text",),
+    "weights": ("pcdbench.weights", "safetensors.torch"),
+    "checkpoint": ("pcdbench.training.checkpoint", "safetensors.torch", "torch.optim.adam", "torch._dynamo"),
+}
+
+
+def prepare(target: str) -> None:
+    """Import what reading a target takes, and limit what the file may ask for beyond that."""
+    for library in _LIBRARIES.get(target, ()):
+        importlib.import_module(library)
+    limit = _status_kb("VmSize") * 1024 + _LIMIT_BYTES
+    resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
 
 
 def outcome(target: str, path: Path) -> dict[str, object]:
     """How reading a file ended: "read", "refused" (by a one-line error) or "raised", with memory and time."""
     Path("/proc/self/clear_refs").write_text("5")
-    before, start = _status_kb("VmRSS"), time.monotonic()
+    before, start = _status_kb("VmRSS"), time.process_time()
     ended, message = "read", ""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
             TARGETS[target](path)
     except PcdbenchError as error:
         ended, message = "refused", str(error)
     except BaseException:
         ended, message = "raised", traceback.format_exc()
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
     grown_mb = (_status_kb("VmHWM") - before) / 1024
-    return {"ended": ended, "message": message, "grown_mb": grown_mb, "seconds": time.monotonic() - start}
+    return {"ended": ended, "message": message, "grown_mb": grown_mb, "seconds": time.process_time() - start}
 
 
 def _status_kb(name: str) -> int:
@@ -84,19 +150,18 @@ def _status_kb(name: str) -> int:
 
 def main() -> None:
     """Answer each line "TARGET PATH" on standard input with a line of JSON."""
-    import os
-
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
-    import laspy  # noqa: F401  the libraries' own size is not that of a file
-    import pandas  # noqa: F401
-    import pye57  # noqa: F401
-
-    limit = _status_kb("VmSize") * 1024 + _LIMIT_BYTES
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    prepared = ""
     for line in sys.stdin:
         target, _, path = line.rstrip("\n").partition(" ")
+        if target != prepared:
+            resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+            prepare(target)
+            prepared = target
+            answers.write("prepared\n")
+            answers.flush()
         answers.write(json.dumps(outcome(target, Path(path))) + "\n")
         answers.flush()
 

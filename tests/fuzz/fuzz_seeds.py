@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +122,115 @@ def valid_boxes(folder: Path) -> list[Path]:
     (folder / "instances.boxes.json").write_text(json.dumps({"instances": boxes}))
     (folder / "named.boxes.json").write_text(json.dumps({"scan.ply": {"instances": boxes}}))
     return sorted(folder.iterdir())
+
+
+def valid_run(folder: Path) -> list[Path]:
+    """A run of two completers, one of which failed once."""
+    described = {"name": "holes", "version": "1", "options": {}}
+    rows = []
+    for number, (completer, status) in enumerate([("incomplete", "ok"), ("mine", "ok"), ("mine", "failed")]):
+        meaning = {"unit": "m", "direction": "lower", "summary": "mean", "main": True}
+        row = {
+            "schema_version": 1,
+            "key": f"{number:064}",
+            "cell": f"{number:064}",
+            "scene": f"room_{number}",
+            "draw": 0,
+            "incompleteness": described,
+            "level": 0.3,
+            "completer": described | {"name": completer, "reference": completer == "incomplete"},
+            "task": described | {"name": "chamfer"},
+            "status": status,
+            "error": None if status == "ok" else "it broke",
+            "missing": 0.3,
+            "metrics": {"chd": meaning | {"samples": [0.25, 1e-4]}} if status == "ok" else {},
+            "trace": {},
+            "completing": {"seconds": 1.5, "peak_memory_mb": 20.0} if status == "ok" else None,
+        }
+        rows.append(json.dumps(row) + "\n")
+    (folder / "rows.jsonl").write_text("".join(rows))
+    (folder / "run.json").write_text(json.dumps({"schema_version": 1, "configuration": {"seed": 0}}, indent=2))
+    return sorted(folder.iterdir())
+
+
+def valid_sequences(folder: Path) -> list[Path]:
+    """The text files of posed RGB-D in three layouts; the images themselves are empty, as nobody opens them here."""
+    tum, rtabmap, scannet = (folder / name for name in ("tum", "rtabmap", "scannet"))
+    for part in (
+        tum,
+        *(rtabmap / its for its in ("depth", "calib", "rgb")),
+        *(scannet / its for its in ("depth", "pose")),
+    ):
+        part.mkdir(parents=True)
+    (scannet / "intrinsic").mkdir()
+    times = [f"{1.5 + 0.1 * number:.6f}" for number in range(5)]
+    (tum / "rgb.txt").write_text("# time file\n" + "".join(f"{time} rgb/{time}.png\n" for time in times))
+    (tum / "depth.txt").write_text("".join(f"{time} depth/{time}.png\n" for time in times))
+    (tum / "groundtruth.txt").write_text("".join(f"{time} 0.1 0.2 0.3 0 0 0 1\n" for time in times))
+    camera = {"fx": 500.0, "fy": 500.0, "cx": 320, "cy": 240, "width": 640, "height": 480}
+    identity = np.eye(4).tolist()
+    calibration = {
+        "depth": camera | {"scale": 1000},
+        "color": camera | {"T_color_depth": identity},
+        "T_zup_world": identity,
+    }
+    (tum / "calibration.json").write_text(json.dumps(calibration))
+    (rtabmap / "poses.txt").write_text("".join(f"{number} 0 0 {number} 0 0 0 1 {number}\n" for number in range(3)))
+    for number in range(3):
+        (rtabmap / "depth" / f"{number}.png").touch()
+        (rtabmap / "calib" / f"{number}.yaml").write_text(
+            "%YAML:1.0\nimage_width: 640\nimage_height: 480\ncamera_matrix:\n  rows: 3\n"
+            "  data: [ 500., 0., 320., 0., 500., 240., 0., 0., 1. ]\nlocal_transform:\n  rows: 3\n"
+            "  data: [ 0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0 ]\n"
+        )
+        (scannet / "depth" / f"{number}.png").touch()
+        (scannet / "pose" / f"{number}.txt").write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    (scannet / "intrinsic" / "intrinsic_depth.txt").write_text("500 0 320 0\n0 500 240 0\n0 0 1 0\n0 0 0 1\n")
+    return sorted(path for path in folder.rglob("*") if path.suffix in (".txt", ".json", ".yaml"))
+
+
+def valid_s3dis(folder: Path) -> list[Path]:
+    """A room of S3DIS with the stray byte that the data set is known for."""
+    rows = [f"{number / 10} 1.5 -2.25 {number} 20 255\n" for number in range(40)]
+    (folder / "room.txt").write_bytes("".join(rows).replace("1.5", "1.\x105", 1).encode())
+    return sorted(folder.iterdir())
+
+
+def valid_weights(folder: Path) -> list[Path]:
+    """Weights of a tiny network with their card."""
+    import torch
+    from safetensors.torch import save_file
+
+    network = torch.nn.Linear(3, 2)
+    save_file(network.state_dict(), folder / "net.safetensors")
+    digest = hashlib.sha256((folder / "net.safetensors").read_bytes()).hexdigest()
+    (folder / "net.card.json").write_text(json.dumps({"completer": "net", "sha256": digest}))
+    save_file(network.state_dict(), folder / "alone.safetensors")
+    return sorted(folder.iterdir())
+
+
+def valid_checkpoint(folder: Path) -> list[Path]:
+    """A checkpoint of a tiny network after one step."""
+    import torch
+
+    from pcdbench.training.checkpoint import save_checkpoint
+
+    network = torch.nn.Linear(3, 2)
+    optimizer = torch.optim.Adam(network.parameters())
+    network(torch.ones(1, 3)).sum().backward()
+    optimizer.step()
+    average = {name: value.clone() for name, value in network.state_dict().items()}
+    save_checkpoint(folder / "checkpoint.safetensors", network, average, optimizer, {"step": 1, "seconds": 2.5})
+    return sorted(folder.iterdir())
+
+
+# By target of fuzz_child: what writes valid files of it into a folder.
+SEEDS: dict[str, Callable[[Path], list[Path]]] = {
+    "cloud": valid_clouds,
+    "boxes": valid_boxes,
+    "run": valid_run,
+    "sequence": valid_sequences,
+    "s3dis": valid_s3dis,
+    "weights": valid_weights,
+    "checkpoint": valid_checkpoint,
+}
