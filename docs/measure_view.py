@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "viewing"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from browser_for_tests import found_in
 
 from pcdbench import PointCloud

@@ -150,6 +150,10 @@ def _standings(board: Board, index: _Index) -> dict[str, Any]:
     for its in board.standings:
         setting = index.settings[its.data, its.incompleteness, its.level]
         completer = index.completers[its.completer]
+        cost["seconds"][setting, completer], cost["memory_mb"][setting, completer] = its.seconds, its.memory_mb
+        if (its.task, its.metric) not in index.metrics:
+            # Nothing of the task was ever measured, so that nobody knows its metrics.
+            continue
         at = setting, index.metrics[its.task, its.metric], completer
         for name in STATISTICS:
             estimate: Estimate | None = getattr(its, name)
@@ -158,7 +162,6 @@ def _standings(board: Board, index: _Index) -> dict[str, Any]:
         for name, count in (("cases", its.cases), ("failed", its.failed), ("skipped", its.skipped)):
             counts[name][at] = count
         counts["ranks"][at] = its.rank or 0
-        cost["seconds"][setting, completer], cost["memory_mb"][setting, completer] = its.seconds, its.memory_mb
     return {
         "estimates": {name: _base64(array) for name, array in found.items()},
         "counts": {name: _base64(array) for name, array in counts.items()},
@@ -180,7 +183,7 @@ def _cells(board: Board, index: _Index) -> dict[str, Any]:
     values = np.full((len(index.metrics), *shape), np.nan, "<f4")
     samples: dict[int, dict[tuple[int, int], Sequence[float]]] = {}
     reasons: dict[str, int] = {}
-    main = {task.name: index.metrics[task.name, task.metrics[0].name] for task in board.tasks}
+    main = {task.name: index.metrics[task.name, task.metrics[0].name] for task in board.tasks if task.metrics}
     for cell in board.cells:
         at = cell.case, index.completers[cell.completer]
         if cell.seconds is not None:
@@ -207,11 +210,11 @@ def _cells(board: Board, index: _Index) -> dict[str, Any]:
         "statuses": _base64(statuses),
         "keys": _base64(keys),
         "row_reasons": _base64(whys),
-        "case_seconds": _short_floats(case_seconds),
-        "values": _short_floats(values),
+        "case_seconds": packed_floats(case_seconds),
+        "values": packed_floats(values),
         "samples_of": _samples(samples, shape, len(index.metrics)),
         "curve_steps": CURVE_STEPS,
-        "curves": _short_floats(_curves(values, samples, settings, len(index.settings))),
+        "curves": packed_floats(_curves(values, samples, settings, len(index.settings))),
     }
 
 
@@ -229,7 +232,7 @@ def _samples(
         if left < 0:
             break
         values = np.concatenate([its[at] for at in sorted(its)])
-        packed[metric] = {"counts": _base64(counts), "values": _short_floats(values)}
+        packed[metric] = {"counts": _base64(counts), "values": packed_floats(values)}
     return packed
 
 
@@ -257,7 +260,7 @@ def _curves(
     return curves
 
 
-def _short_floats(array: NDArray[Any]) -> str:
+def packed_floats(array: NDArray[Any]) -> str:
     """The upper three bytes of each number as float32, rounded: five digits."""
     bits = np.ascontiguousarray(array, dtype="<f4").reshape(-1).view("<u4").astype(np.uint64)
     # Numbers that are not finite must stay so: rounding would carry into their sign.

@@ -106,10 +106,11 @@ class Figures {
       { text: "seconds to complete a cloud (median, logarithmic)", scale: (from, to) => scale(fastest / 1.8, slowest * 1.8, from, to, true) },
       { text: `${STATISTICS[statistic]} ${this.what(metric)}`, scale: (from, to) => scale(low, high, from, to) },
       { name: `${STATISTICS[statistic]} of ${name} against seconds. Arrow keys visit the marks.` });
+    const across = [];
     for (const one of its.filter(({ completer }) => board.completers[completer].role)) {
       const y = drawn.y.at(one.value);
       drawn.marks.append(this.line(one.completer, [[drawn.x.from, y], [drawn.x.to, y]]));
-      drawn.marks.append(svg("text", { class: "beside", x: drawn.x.to - 4, y: y - 4, "text-anchor": "end" }, short(board.completers[one.completer].name)));
+      across.push({ x: drawn.x.to - 4, y: y - 4, end: true, text: short(board.completers[one.completer].name) });
     }
     const better = (a, b) => (direction === "lower" ? a < b : a > b), front = [];
     for (const one of [...timed].sort((a, b) => a.seconds - b.seconds)) {
@@ -128,7 +129,7 @@ class Figures {
       }
       return [{ x, y, completer: one.completer, lines: () => [this.name(one.completer), estimateText(one, unit), `${seconds(one.seconds)}, ${megabytes(one.memory)}`] }];
     });
-    for (const { x, y, end, text } of apart(labels)) drawn.marks.append(svg("text", { class: "beside", x, y, "text-anchor": end ? "end" : "start" }, text));
+    for (const { x, y, end, text } of [...apart(labels, 1), ...apart(across, -1)]) drawn.marks.append(svg("text", { class: "beside", x, y, "text-anchor": end ? "end" : "start" }, text));
     connectMarks(drawn, marksOf(rows), this);
   }
 
@@ -146,11 +147,11 @@ class Figures {
   }
 }
 
-/** Labels moved down until none lies on another one. */
-function apart(labels) {
+/** Labels moved until none lies on another one: down (1) or up (-1). */
+function apart(labels, way) {
   const placed = [];
-  for (const its of labels.sort((a, b) => a.y - b.y)) {
-    for (const other of placed) if (Math.abs(other.x - its.x) < 130 && its.y - other.y < 14) its.y = other.y + 14;
+  for (const its of labels.sort((a, b) => way * (a.y - b.y))) {
+    for (const other of placed) if (Math.abs(other.x - its.x) < 130 && way * (its.y - other.y) < 14) its.y = other.y + 14 * way;
     placed.push(its);
   }
   return placed;

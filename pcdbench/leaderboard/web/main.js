@@ -12,14 +12,23 @@ function start() {
   const rows = new Rows(board, choice), one = new OneCase(board, choice);
   connectSelects(board, choice);
 
+  const drawn = {};
+  /** Whether what a part shows has changed since it was drawn. */
+  const changed = (part, ...shows) => {
+    const text = JSON.stringify(shows), before = drawn[part];
+    drawn[part] = text;
+    return before !== text;
+  };
+
   function draw() {
-    const focused = document.activeElement?.dataset.sort;
+    const focused = document.activeElement?.dataset.sort, { setting, task, metric, statistic, sort } = choice, hidden = [...choice.hidden];
+    document.body.dataset.view = task === null ? "overview" : "task";
     drawControls(board, choice);
-    tables.draw();
-    document.body.dataset.view = choice.task === null ? "overview" : "task";
-    figures.draw();
-    one.draw();
-    rows.draw();
+    if (changed("table", setting, task, metric, statistic, sort, hidden)) tables.draw();
+    if (changed("figures", setting, metric, statistic, hidden)) figures.draw();
+    if (changed("cases", setting)) one.drawChoice();
+    if (changed("case", one.which, hidden)) one.draw();
+    if (changed("rows", setting, metric, choice.open, choice.case)) rows.draw();
     if (focused) [...document.querySelectorAll("[data-sort]")].find((its) => its.dataset.sort === focused)?.focus();
   }
 

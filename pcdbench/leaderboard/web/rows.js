@@ -86,11 +86,15 @@ class OneCase {
     return this.choice.case ?? its.find((i) => this.board.clouds[i]) ?? its[0] ?? null;
   }
 
+  drawChoice() {
+    const { board, choice } = this;
+    this.select.replaceChildren(...board.casesIn(choice.setting).map((i) => el("option", { value: i }, board.caseText(i) + (board.clouds[i] ? " (with clouds)" : ""))));
+  }
+
   draw() {
-    const { board, choice, which } = this;
-    const options = board.casesIn(choice.setting).map((i) => el("option", { value: i, selected: i === which }, board.caseText(i) + (board.clouds[i] ? " (with clouds)" : "")));
-    this.select.replaceChildren(...options);
+    const { which } = this;
     if (which === null) return;
+    this.select.value = String(which);
     this.table.replaceChildren(this.scores(which));
     this.drawClouds(which);
   }
