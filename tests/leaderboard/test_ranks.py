@@ -1,0 +1,99 @@
+"""Ranks: who is told apart, how often wrongly, and that nobody gains by failing."""
+
+import numpy as np
+import pytest
+
+from pcdbench.leaderboard.ranks import FEWEST_SCENES, Tried, ranking
+
+
+def tried(values, start=0):
+    """A completer's cases, one a scene; None is a failure, a list are samples of one case."""
+    samples = [() if value is None else tuple(np.atleast_1d(value)) for value in values]
+    return [Tried(start + number, f"scene{number}", its) for number, its in enumerate(samples)]
+
+
+@pytest.fixture
+def scenes():
+    """Thirty scenes that differ more from one another than completers do."""
+    return np.random.default_rng(0).gamma(1.0, 10.0, 30)
+
+
+@pytest.mark.parametrize(("direction", "expected"), [("lower", [1, 2]), ("higher", [2, 1])])
+@pytest.mark.parametrize("statistic", ["mean", "median"])
+def test_a_small_difference_in_every_scene_is_told(scenes, direction, expected, statistic):
+    ranks = ranking({"a": tried(scenes), "b": tried(scenes * 1.05 + 0.2)}, {}, direction, statistic).ranks
+    assert [ranks["a"], ranks["b"]] == expected
+
+
+def test_those_that_cannot_be_told_apart_share_a_rank_and_the_next_comes_after_all_that_beat_it(scenes):
+    rng = np.random.default_rng(1)
+    alike = {name: tried(scenes + rng.normal(scale=0.5, size=30)) for name in ("a", "b", "c")}
+    found = ranking(alike | {"worse": tried(scenes + 5 + rng.normal(scale=0.5, size=30))}, {}, "lower", "mean")
+    assert found.ranks == {"a": 1, "b": 1, "c": 1, "worse": 4}
+    assert {its.better for its in found.differences} == {None, "a", "b", "c"}
+    for its in found.differences:
+        told_apart = not its.difference.low <= 0 <= its.difference.high
+        assert told_apart == (its.better is not None)
+        assert its.cases == 30
+
+
+def test_the_value_of_a_difference_is_that_of_the_tables_statistics(scenes):
+    other = scenes[::-1].copy()
+    for statistic, value in (("mean", np.mean), ("median", np.median)):
+        ((its),) = ranking({"a": tried(scenes), "b": tried(other + 1)}, {}, "lower", statistic).differences
+        assert its.difference.value == pytest.approx(value(scenes) - value(other + 1))
+
+
+def test_with_few_scenes_nobody_is_told_apart():
+    for count, last in ((FEWEST_SCENES - 1, 1), (FEWEST_SCENES, 2)):
+        values = np.arange(count, dtype=float)
+        assert ranking({"a": tried(values), "b": tried(values + 100)}, {}, "lower", "mean").ranks == {"a": 1, "b": last}
+
+
+def test_equals_are_equal(scenes):
+    found = ranking({"a": tried(scenes), "b": tried(scenes)}, {}, "lower", "mean")
+    assert found.ranks == {"a": 1, "b": 1} and found.differences[0].better is None
+
+
+@pytest.mark.parametrize(("direction", "sign"), [("lower", 1), ("higher", -1)])
+def test_failing_on_the_hardest_cases_does_not_help(scenes, direction, sign):
+    hard = np.sort(scenes)[::-1] if direction == "lower" else np.sort(scenes)
+    values = hard * 1.0
+    fails = [None if number < 10 else value * (1 - 0.01 * sign) for number, value in enumerate(values)]
+    honest = tried(values * (1 + 0.001 * sign))
+    found = ranking({"honest": honest, "fails": tried(fails)}, {"floor": tried(values)}, direction, "mean")
+    assert found.ranks["honest"] <= found.ranks["fails"]
+    assert sign * found.differences[0].difference.value < 0
+    alone = np.array([value for value in fails if value is not None])
+    assert sign * (alone.mean() - values.mean()) < 0, "though its own average is the better one"
+
+
+def test_a_failure_counts_with_as_many_samples_as_others_have_there():
+    several = [[1.0, 2.0, 3.0]] * 7
+    found = ranking({"a": tried(several), "b": tried([None, *several[1:]])}, {"floor": tried([9.0] * 7)}, "lower", "mean")
+    assert found.differences[0].difference.value == pytest.approx(2.0 - (3 * 9.0 + 6 * 6.0) / 21)
+
+
+def test_only_cases_that_all_were_tried_on_count(scenes):
+    part = [Tried(one.case, one.scene, one.samples) for one in tried(scenes) if one.case >= 10]
+    found = ranking({"a": tried(np.r_[scenes[:10] * 100, scenes[10:]]), "b": part}, {}, "lower", "mean")
+    assert found.differences[0].cases == 20 and found.differences[0].difference.value == 0
+    assert ranking({"a": tried([1.0], start=0), "b": tried([1.0], start=1)}, {}, "lower", "mean").ranks == {}
+
+
+def test_who_measured_nothing_has_no_rank(scenes):
+    found = ranking({"a": tried(scenes), "b": tried([None] * 30)}, {}, "lower", "mean")
+    assert found.ranks == {"a": 1} and found.differences == ()
+    assert ranking({"b": tried([None] * 3)}, {}, "lower", "mean").ranks == {}
+
+
+@pytest.mark.parametrize("statistic", ["mean", "median"])
+@pytest.mark.parametrize("count", [6, 12, 30])
+def test_alike_completers_are_seldom_told_apart(count, statistic):
+    rng = np.random.default_rng(3)
+    wrong = 0
+    for _ in range(100):
+        scenes = rng.gamma(1.0, size=count)
+        alike = {name: tried(scenes * np.exp(rng.normal(scale=0.3, size=count))) for name in "abcdefgh"}
+        wrong += any(its.better for its in ranking(alike, {}, "lower", statistic).differences)
+    assert wrong <= 12, "of 100 tables with 28 pairs each; 5 are meant"
