@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+T = TypeVar("T")
 
 VARIABLE = "PCDBENCH_THREADS"
 _LIBRARIES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
@@ -17,6 +22,18 @@ def thread_count() -> int:
     if share.isdigit():
         return max(1, int(share))
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def at_once(*work: Callable[[], T]) -> list[T]:
+    """What each piece of work returns, by as many threads as this process may use; none must depend on another.
+
+    It pays where most of the time goes by in libraries that let other threads run: large arrays, k-d trees.
+    """
+    threads = min(thread_count(), len(work))
+    if threads < 2:
+        return [its() for its in work]
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(lambda its: its(), work))
 
 
 def limit_threads(count: int) -> None:

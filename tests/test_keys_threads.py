@@ -1,13 +1,14 @@
 """Keys are the same on every machine and in every release; threads follow the share a worker was given."""
 
 import os
+import threading
 from pathlib import Path
 
 import pytest
 
 from pcdbench.keys import canonical_json, digest, file_digest, seed_from
 from pcdbench.paths import cache_dir
-from pcdbench.threads import limit_threads, thread_count
+from pcdbench.threads import at_once, limit_threads, thread_count
 
 VALUE = {"b": [1, 2.5, True, None], "a": {"ü": "text"}}
 
@@ -76,3 +77,20 @@ def test_a_share_is_kept_and_passed_to_the_libraries(monkeypatch: pytest.MonkeyP
 def test_a_share_that_is_no_count_leaves_at_least_one_thread(monkeypatch: pytest.MonkeyPatch, nonsense: str) -> None:
     monkeypatch.setenv("PCDBENCH_THREADS", nonsense)
     assert thread_count() >= 1
+
+
+@pytest.mark.parametrize("share", ["1", "2", "8"])
+def test_work_done_at_once_returns_in_order_and_raises(monkeypatch: pytest.MonkeyPatch, share: str) -> None:
+    monkeypatch.setenv("PCDBENCH_THREADS", share)
+    found = at_once(*(lambda number=number: (number, threading.get_ident()) for number in range(5)))
+    assert [number for number, _ in found] == [0, 1, 2, 3, 4]
+    assert (share == "1") == ({thread for _, thread in found} == {threading.get_ident()})
+    assert at_once() == []
+    with pytest.raises(ZeroDivisionError):
+        at_once(lambda: 1, lambda: 1 // 0)
+
+
+def test_work_done_at_once_overlaps(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PCDBENCH_THREADS", "2")
+    both = threading.Barrier(2, timeout=30)
+    assert sorted(at_once(both.wait, both.wait)) == [0, 1]

@@ -9,9 +9,9 @@ import pytest
 
 from pcdbench.datasets.synthetic import Indoor
 from pcdbench.datasets.synthetic.crops import CENTER_CLEARANCE_M, COMPLETE_POINTS
+from pcdbench.datasets.synthetic.footprints import Footprint, Footprints
 from pcdbench.datasets.synthetic.generator import environment, kind_of
 from pcdbench.datasets.synthetic.layouts import LARGE_KINDS, SMALL_KINDS
-from pcdbench.datasets.synthetic.placement import Footprint
 from pcdbench.datasets.synthetic.plan import bumped, contains, cut_corner, rectangle
 from pcdbench.errors import PcdbenchError
 from pcdbench.geometry.neighbors import nearest
@@ -231,6 +231,23 @@ def test_footprints_meet_as_sampled_points_say():
             assert b.holds(grid @ np.array([[cos, sin], [-sin, cos]]))
     high = Footprint(0.0, 0.0, 1.0, 1.0, 0.0, 2.0, 2.5)
     assert not high.meets(Footprint(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.9), 0.1)
+
+
+def test_footprints_near_another_are_all_that_may_meet_it():
+    rng = np.random.default_rng(1)
+    drawn = [
+        Footprint(*rng.uniform(-6, 6, 2), *rng.uniform(0.1, 1.0, 2), rng.uniform(-3, 3), low, low + rng.uniform(0.1, 1))
+        for low in rng.uniform(0, 2, 300)
+    ]
+    standing = Footprints()
+    for footprint in drawn:
+        standing.add(footprint)
+    assert list(standing) == drawn
+    for asked in drawn[:40]:
+        near = list(standing.near(asked, 0.1))
+        met = [other for other in drawn if other.meets(asked, 0.1)]
+        assert [other for other in near if other.meets(asked, 0.1)] == met and asked in met
+        assert len(near) < 60
 
 
 def test_outlines_are_cut_as_drawn():

@@ -14,6 +14,7 @@ from pcdbench.datasets.synthetic.scanning import Survey, scan
 from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.geometry.visibility import panorama_directions
 from pcdbench.scene import TaggedObject
+from pcdbench.threads import at_once
 
 COMPLETE_POINTS = 20_000
 MIN_OBJECT_POINTS = 30
@@ -59,9 +60,10 @@ def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
     scanned = scan(environment, survey, box, rng)
     # As a file of 8-bit colors and single precision would hold it: the cached scene is the generated one.
     points = scanned.points.astype(np.float32).astype(np.float64)
-    colors = np.rint(scanned.colors * 255).astype(np.uint8).astype(np.float32) / np.float32(255)
-    index = poisson_disk_indices(points, COMPLETE_POINTS, rng)
-    seen = np.bincount(scanned.pieces[index], minlength=len(environment.poses))
+    index, exact_colors = at_once(lambda: poisson_disk_indices(points, COMPLETE_POINTS, rng), scanned.colors)
+    colors = np.rint(exact_colors * 255).astype(np.uint8).astype(np.float32) / np.float32(255)
+    pieces = scanned.pieces
+    seen = np.bincount(pieces[index], minlength=len(environment.poses))
     objects = tuple(
         tagged
         for tagged, piece in zip(environment.objects, environment.object_pieces, strict=True)
@@ -71,7 +73,7 @@ def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
         how = f"hand-held depth camera, {len(survey.poses)} frames"
     else:
         how = f"{len(survey.poses)} scanner stations{'' if survey.ceiling else ', no ceiling'}"
-    return Crop(PointCloud(points, colors), scanned.pieces, index, objects, how)
+    return Crop(PointCloud(points, colors), pieces, index, objects, how)
 
 
 def _mostly_inside(tagged: TaggedObject, box: tuple[Floats, Floats]) -> bool:

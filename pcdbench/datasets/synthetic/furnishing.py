@@ -9,8 +9,9 @@ from scipy.ndimage import distance_transform_edt
 from pcdbench.datasets.synthetic.arrangements import furnish
 from pcdbench.datasets.synthetic.building import Building
 from pcdbench.datasets.synthetic.environment import CELL_M, Environment, FreeFloor
+from pcdbench.datasets.synthetic.footprints import Footprint
 from pcdbench.datasets.synthetic.layouts import SMALL_KINDS
-from pcdbench.datasets.synthetic.placement import Footprint, Placement
+from pcdbench.datasets.synthetic.placement import Placement
 from pcdbench.datasets.synthetic.plan import Floats, Plan, contains
 
 STATION_HEIGHT_M = 1.5

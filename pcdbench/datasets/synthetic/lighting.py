@@ -12,7 +12,7 @@ from pcdbench.datasets.synthetic.building import Light
 from pcdbench.datasets.synthetic.environment import Environment, Floats
 from pcdbench.datasets.synthetic.materials import MATERIALS, colors
 from pcdbench.geometry.sampling import stable_order
-from pcdbench.threads import thread_count
+from pcdbench.threads import at_once, thread_count
 
 AMBIENT = 0.5
 NEAREST_LIGHTS = 6
@@ -37,14 +37,19 @@ def shaded_colors(
     Returns:
         (N, 3) float32 in [0, 1].
     """
-    local_points, local_normals = _in_piece_frames(environment, points, normals, triangles)
     materials = environment.mesh.materials[triangles]
-    albedo = colors(local_points, local_normals, materials, environment.mesh.tints[triangles])
-    light = _irradiance(environment, points, normals)
-    if occlusion:
-        light *= _openness(environment, points, normals)
+
+    def albedo() -> NDArray[np.float32]:
+        local_points, local_normals = _in_piece_frames(environment, points, normals, triangles)
+        return colors(local_points, local_normals, materials, environment.mesh.tints[triangles])
+
+    def openness() -> NDArray[np.float32]:
+        return _openness(environment, points, normals) if occlusion else np.ones(len(points), np.float32)
+
+    base, light, open_share = at_once(albedo, lambda: _irradiance(environment, points, normals), openness)
+    light *= open_share
     glow = np.array([material.glow for material in MATERIALS], np.float32)[materials]
-    return np.clip(albedo * np.maximum(light, glow)[:, None], 0.0, 1.0)
+    return np.clip(base * np.maximum(light, glow)[:, None], 0.0, 1.0)
 
 
 def _in_piece_frames(

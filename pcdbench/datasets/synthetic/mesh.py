@@ -36,10 +36,14 @@ class Mesh:
         points = np.asarray(vertices, np.float64).reshape(-1, 3)
         corners = np.asarray(triangles, np.int64).reshape(-1, 3)
         x, y, z = _edge_products(points, corners)
-        corners = corners[x * x + y * y + z * z > 1e-20]
-        count = len(corners)
+        return Mesh.of_solid(points, corners[x * x + y * y + z * z > 1e-20], material, tint)
+
+    @staticmethod
+    def of_solid(vertices: Floats, triangles: NDArray[np.int64], material: str, tint: int) -> Mesh:
+        """A mesh of one material, of vertices (V, 3) and triangles (T, 3) that all have an area."""
+        count = len(triangles)
         return Mesh(
-            points, corners, np.full(count, material_id(material), np.int32), np.full(count, int(tint), np.int64)
+            vertices, triangles, np.full(count, material_id(material), np.int32), np.full(count, int(tint), np.int64)
         )
 
     @staticmethod

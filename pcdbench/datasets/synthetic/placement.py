@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pcdbench.datasets.synthetic.footprints import Footprint, Footprints
 from pcdbench.datasets.synthetic.furniture import FURNITURE, Built
 from pcdbench.datasets.synthetic.mesh import Mesh
 from pcdbench.datasets.synthetic.plan import Floats, Plan, Room, contains
@@ -15,54 +15,6 @@ from pcdbench.scene import Box, TaggedObject
 
 DOOR_DEPTH_M = 1.0
 MODELS = 4
-
-
-@dataclass(frozen=True)
-class Footprint:
-    """A rectangle on the floor with a heading, and the heights between which something is there."""
-
-    x: float
-    y: float
-    half_x: float
-    half_y: float
-    yaw_rad: float
-    z0: float
-    z1: float
-
-    def corners(self) -> Floats:
-        """(8, 2) its corners and the middles of its sides."""
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, -1], [1, 0], [0, 1], [-1, 0]], np.float64)
-        local = unit * [self.half_x, self.half_y]
-        return np.array([self.x, self.y]) + local @ np.array([[cos, sin], [-sin, cos]])
-
-    @cached_property
-    def _radius(self) -> float:
-        return float(np.hypot(self.half_x, self.half_y))
-
-    def meets(self, other: Footprint, gap: float) -> bool:
-        """Whether the two come closer than `gap`, by separating axes."""
-        if self.z0 >= other.z1 or other.z0 >= self.z1:
-            return False
-        dx, dy = other.x - self.x, other.y - self.y
-        reach = self._radius + other._radius + gap
-        if dx * dx + dy * dy > reach * reach:
-            return False
-        turn = other.yaw_rad - self.yaw_rad
-        c, s = abs(np.cos(turn)), abs(np.sin(turn))
-        for one, b in ((self, other), (other, self)):
-            ex, ey = one.half_x, one.half_y
-            cos, sin = np.cos(one.yaw_rad), np.sin(one.yaw_rad)
-            along, across = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
-            if along > ex + b.half_x * c + b.half_y * s + gap or across > ey + b.half_x * s + b.half_y * c + gap:
-                return False
-        return True
-
-    def holds(self, points: Floats) -> bool:
-        """Whether any of the (N, 2) points lies in it."""
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        dx, dy = points[:, 0] - self.x, points[:, 1] - self.y
-        return bool(((abs(dx * cos + dy * sin) < self.half_x) & (abs(dy * cos - dx * sin) < self.half_y)).any())
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +39,9 @@ class Placement:
         self.plan = plan
         self.rng = rng
         self.placed: list[Placed] = []
-        self.solid: list[Footprint] = [Footprint(x, y, half, half, 0.0, 0.0, 9.0) for x, y, half, _ in plan.columns]
+        self.solid = Footprints()
+        for x, y, half, _ in plan.columns:
+            self.solid.add(Footprint(x, y, half, half, 0.0, 0.0, 9.0))
         self.kept_clear: list[Footprint] = []
         self.models: dict[str, list[Built]] = {}
         for opening in plan.openings:
@@ -133,21 +87,19 @@ class Placement:
             return None
         placed = Placed(name, built, footprint, (x, y, z, yaw_rad))
         self.placed.append(placed)
-        self.solid.append(footprint)
+        self.solid.add(footprint)
         return placed
 
     def _fits(self, room: Room, footprint: Footprint, gap: float, beside: Placed | None) -> bool:
         if footprint.z1 > room.height:
             return False
-        if not contains(room.outline, footprint.corners()).all() or footprint.holds(room.outline):
-            return False
         allowed = None if beside is None else beside.footprint
-        x, y = footprint.x, footprint.y
-        for other in self.solid:
-            near = -4.5 < other.x - x < 4.5 and -4.5 < other.y - y < 4.5
-            if near and other is not allowed and footprint.meets(other, gap):
+        for other in self.solid.near(footprint, gap):
+            if other is not allowed and footprint.meets(other, gap):
                 return False
-        return footprint.z0 > 2.0 or not any(footprint.meets(other, 0.0) for other in self.kept_clear)
+        if footprint.z0 <= 2.0 and any(footprint.meets(other, 0.0) for other in self.kept_clear):
+            return False
+        return bool(contains(room.outline, footprint.corners()).all()) and not footprint.holds(room.outline)
 
     def somewhere(
         self, room: Room, name: str, tries: int = 12, margin: float = 0.3, yaw_rad: float | None = None

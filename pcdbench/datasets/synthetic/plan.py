@@ -186,10 +186,10 @@ def contains(outline: Floats, points: ArrayLike) -> NDArray[np.bool_]:
     inside = np.asarray(points, np.float64).reshape(-1, 2)
     x, y = inside[:, :1], inside[:, 1:]
     ax, ay = outline[:, 0], outline[:, 1]
-    bx, by = np.append(ax[1:], ax[0]), np.append(ay[1:], ay[0])
+    bx, by = np.concatenate((ax[1:], ax[:1])), np.concatenate((ay[1:], ay[:1]))
     crosses = (ay > y) != (by > y)
     rise = np.where(by == ay, 1.0, by - ay)
-    return (crosses & (x < ax + (y - ay) / rise * (bx - ax))).sum(axis=1) % 2 == 1
+    return np.logical_xor.reduce(crosses & (x < ax + (y - ay) / rise * (bx - ax)), axis=1)
 
 
 def connect(

@@ -14,6 +14,9 @@ from pcdbench.datasets.synthetic.polygons import bridged, signed_area, triangula
 _BOX_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
 _BOX_QUADS = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
 _BOX_TRIANGLES = np.concatenate([_BOX_QUADS[:, [0, 1, 2]], _BOX_QUADS[:, [0, 2, 3]]])
+_BOX_TRIANGLES.flags.writeable = False
+# A box with longer sides than this has no triangle without area.
+_SOLID_M = 1e-3
 
 _DIRECTIONS = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]], np.float64)
 _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
@@ -21,8 +24,10 @@ _DIRECTIONS /= np.linalg.norm(_DIRECTIONS, axis=1, keepdims=True)
 
 def box(size: ArrayLike, center: ArrayLike, material: str, tint: int = 0) -> Mesh:
     """A cuboid of `size` (x, y, z) around `center`."""
-    corners = _BOX_CORNERS * np.asarray(size, np.float64) + np.asarray(center, np.float64)
-    return Mesh.of(corners, _BOX_TRIANGLES, material, tint)
+    extent = np.asarray(size, np.float64)
+    corners = _BOX_CORNERS * extent + np.asarray(center, np.float64)
+    made = Mesh.of_solid if extent.min() > _SOLID_M else Mesh.of
+    return made(corners, _BOX_TRIANGLES, material, tint)
 
 
 def boxes(sizes: ArrayLike, centers: ArrayLike, material: str, tints: ArrayLike = 0) -> Mesh:
@@ -32,7 +37,8 @@ def boxes(sizes: ArrayLike, centers: ArrayLike, material: str, tints: ArrayLike 
     extents = np.broadcast_to(np.asarray(sizes, np.float64), (count, 3))
     corners = _BOX_CORNERS[None] * extents[:, None] + middles[:, None]
     triangles = _BOX_TRIANGLES[None] + 8 * np.arange(count)[:, None, None]
-    mesh = Mesh.of(corners.reshape(-1, 3), triangles.reshape(-1, 3), material, 0)
+    made = Mesh.of_solid if count and extents.min() > _SOLID_M else Mesh.of
+    mesh = made(corners.reshape(-1, 3), triangles.reshape(-1, 3), material, 0)
     each = np.broadcast_to(np.asarray(tints, np.int64), (count,))
     return replace(mesh, tints=each[mesh.triangles[:, 0] // 8])
 

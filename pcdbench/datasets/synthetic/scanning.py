@@ -40,17 +40,33 @@ class Survey:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """The merged, thinned cloud of a survey.
+    """The merged, thinned cloud of a survey; its colors are made when they are asked for.
 
     Attributes:
+        environment: what was scanned.
         points: (N, 3) float64 metres, with noise.
-        colors: (N, 3) float32 in [0, 1].
-        pieces: (N,) int32 the piece that each point was measured on.
+        normals: (N, 3) unit, towards the scanner, of what each point was measured on.
+        triangles: (N,) rows of the environment's mesh that they were measured on.
+        exposure: (N, 3) float32 by which the camera brightens or dims each point's color.
+        color_noise: (N, 3) float32 what the camera's sensor adds.
     """
 
+    environment: Environment
     points: Floats
-    colors: NDArray[np.float32]
-    pieces: NDArray[np.int32]
+    normals: Floats
+    triangles: NDArray[np.int64]
+    exposure: NDArray[np.float32]
+    color_noise: NDArray[np.float32]
+
+    @property
+    def pieces(self) -> NDArray[np.int32]:
+        """(N,) the piece that each point was measured on."""
+        return self.environment.pieces[self.triangles]
+
+    def colors(self) -> NDArray[np.float32]:
+        """(N, 3) float32 in [0, 1], computed anew by each call."""
+        light = shaded_colors(self.environment, self.points, self.normals, self.triangles)
+        return np.clip(light * self.exposure + self.color_noise, 0.0, 1.0).astype(np.float32)
 
 
 def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], rng: np.random.Generator) -> Scan:
@@ -59,20 +75,17 @@ def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], r
     points = np.concatenate([part[0] for part in parts])
     kept = _thinned(points, rng)
     points, normals, triangles = points[kept], *(np.concatenate([part[k] for part in parts])[kept] for k in (1, 2))
-    colors = shaded_colors(environment, points, normals, triangles)
     exposure = np.clip(rng.normal(1.0, 0.035, (len(parts), 3)) * rng.normal(1.0, 0.05, (len(parts), 1)), 0.8, 1.2)
     first_frame = np.cumsum([0] + [len(part[0]) for part in parts])
     frame = np.searchsorted(first_frame, kept, side="right") - 1
-    colors = colors * exposure[frame].astype(np.float32) + rng.normal(0.0, 0.018, (len(points), 3)).astype(np.float32)
-    return Scan(points, np.clip(colors, 0.0, 1.0).astype(np.float32), environment.pieces[triangles])
+    noise = rng.normal(0.0, 0.018, (len(points), 3)).astype(np.float32)
+    return Scan(environment, points, normals, triangles, exposure.astype(np.float32)[frame], noise)
 
 
 def _returns(
     environment: Environment, survey: Survey, pose: Floats, box: tuple[Floats, Floats], rng: np.random.Generator
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Points, normals and triangles that one station or frame measured within the box."""
-    cos, sin = np.cos(pose[3]), np.sin(pose[3])
-    R_scene_scanner = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     if survey.hand_held:
         tilt = np.radians(rng.uniform(-28.0, 22.0))
         level = camera_directions(77.0, 144, 108)
@@ -80,7 +93,7 @@ def _returns(
         seen = level @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     else:
         seen = _panorama(survey.step_deg, 90.0 if survey.ceiling else 12.0)
-    directions = seen @ R_scene_scanner.T
+    directions = _turned(seen, float(pose[3]))
     hits = environment.raycaster.cast(pose[:3], directions)
     reached = np.where(np.isfinite(hits.range_m), hits.range_m, 0.0)
     near = (reached > 0.3) & (reached < survey.max_range_m)
@@ -115,6 +128,15 @@ def _returns(
     moved[:, 0] -= turn * arm[:, 1]
     moved[:, 1] += turn * arm[:, 0]
     return moved, normals[inside], triangle[inside]
+
+
+def _turned(directions: Floats, yaw_rad: float) -> Floats:
+    """Directions (R, 3) turned about the z axis; by columns: a product with a matrix takes eighteen times as long."""
+    x, y, z = np.ascontiguousarray(directions.T)
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    turned = np.empty_like(directions)
+    turned[:, 0], turned[:, 1], turned[:, 2] = x * cos - y * sin, x * sin + y * cos, z
+    return turned
 
 
 @lru_cache(maxsize=4)
