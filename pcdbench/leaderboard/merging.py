@@ -51,29 +51,45 @@ def read_runs(folders: Iterable[Path]) -> list[RunRows]:
     Raises:
         PcdbenchError: where there is no run, one is damaged, or one has no rows.
     """
-    found: dict[Path, RunRows] = {}
-    for folder in folders:
-        inner = sorted(path.parent for path in folder.glob(f"*/{RUN}")) if not (folder / RUN).exists() else []
-        for path in inner or [folder]:
-            if path.resolve() not in found:
-                found[path.resolve()] = _read(path)
+    found = {path.resolve(): _read(path) for path in _run_folders(folders)}
     return sorted(found.values(), key=lambda run: run.order)
 
 
+def data_paths(folders: Iterable[Path]) -> dict[str, str | None]:
+    """Where the data sets of these runs lay, by name; None for those that were not told.
+
+    Raises:
+        PcdbenchError: where there is no run, or one is damaged.
+    """
+    every = [read_run(path) for path in _run_folders(folders)]
+    return {facts["configuration"]["dataset"]["name"]: facts.get("dataset_path") for facts in every}
+
+
+def _run_folders(folders: Iterable[Path]) -> list[Path]:
+    """The folders of runs among these and in those of them that are none, each once."""
+    found: dict[Path, Path] = {}
+    for folder in folders:
+        inner = sorted(path.parent for path in folder.glob(f"*/{RUN}")) if not (folder / RUN).exists() else []
+        for path in inner or [folder]:
+            found.setdefault(path.resolve(), path)
+    return list(found.values())
+
+
 def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
-    """All rows of these runs, each key once, sorted.
+    """All rows of these runs, each key once in a split, sorted.
 
     Raises:
         PcdbenchError: where two runs have other data, tasks or incompletenesses under one name, or two rows of one
             key do not agree; it names both.
     """
     _refuse_other_versions(runs)
-    merged: dict[str, MergedRow] = {}
+    merged: dict[tuple[str, str], MergedRow] = {}
     for number, run in enumerate(runs):
         for row in run.rows:
-            one, other = MergedRow(row, number), merged.get(row["key"])
+            key = (row["key"], str(run.configuration["split"]))
+            one, other = MergedRow(row, number), merged.get(key)
             if other is None:
-                merged[row["key"]] = one
+                merged[key] = one
                 continue
             difference = _difference(other.row, row)
             if difference:
@@ -81,7 +97,7 @@ def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
                     f"{runs[other.run].folder} and {run.folder} do not agree on {_place(row)}: {difference} "
                     f"(key {row['key'][:16]}); leave one of them out, or find out which is right and run it again"
                 )
-            merged[row["key"]] = min(other, one, key=_precedence)
+            merged[key] = min(other, one, key=_precedence)
     return [merged[key] for key in sorted(merged)]
 
 

@@ -1,0 +1,154 @@
+"""Boards from runs: in any order, of what fits together only, with nothing lost."""
+
+import itertools
+import re
+
+import pytest
+from runs_for_tests import full_row, store_run
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.board_file import board_json
+from pcdbench.leaderboard.building import board_of_runs
+
+SCENES = [f"room{number}" for number in range(7)]
+
+
+def rows_of(completer, base, **more):
+    return [
+        full_row(completer, [base + number, base + number + 0.5], scene=scene, **more)
+        for number, scene in enumerate(SCENES)
+    ]
+
+
+def test_runs_merge_to_the_same_board_in_any_order(tmp_path):
+    a, floor = rows_of("a", 1.0), rows_of("incomplete", 5.0)
+    again = [row | {"time": "2026-02-02T00:00:00Z", "host": "other"} for row in a[2:5]]
+    again[0] = again[0] | {"metrics": {"error_m": again[0]["metrics"]["error_m"] | {"samples": [3.00001, 3.5]}}}
+    folders = [
+        store_run(tmp_path / "one", a[:4] + floor, time="2026-01-03"),
+        store_run(tmp_path / "two", a[4:], time="2026-01-02"),
+        store_run(tmp_path / "three", again, time="2026-01-04"),
+    ]
+    texts = {board_json(board_of_runs("b", order)) for order in itertools.permutations(folders)}
+    assert len(texts) == 1
+    board = board_of_runs("b", [tmp_path])
+    assert texts == {board_json(board)}, "a folder of runs is all of them"
+    assert board_json(board_of_runs("b", [folders[0], folders[0], *folders])) == texts.pop()
+    assert [(its.completer, its.cases, its.rank) for its in board.standings] == [("incomplete", 7, None), ("a", 7, 1)]
+    (cell,) = [its for its in board.cells if its.completer == "a" and board.cases[its.case].scene == "room2"]
+    assert cell.results["task"].samples == (3.0, 3.5) and cell.results["task"].values == {"error_m": 3.25}
+
+
+def test_what_is_there_twice_must_agree(tmp_path):
+    one = store_run(tmp_path / "one", [full_row("a", [1.0])])
+    two = store_run(tmp_path / "two", [full_row("a", [1.02])])
+    with pytest.raises(PcdbenchError) as error:
+        board_of_runs("b", [one, two])
+    said = str(error.value)
+    assert f"{one} and {two} do not agree on task of a in room0 (holes, 30%): error_m is 1 there, 1.02 here" in said
+    for status in ("failed", "timeout"):
+        store_run(tmp_path / "two", [full_row("a", status=status, error="it broke")])
+        with pytest.raises(PcdbenchError, match="ok there, failed here"):
+            board_of_runs("b", [one, two])
+        store_run(tmp_path / "one", [full_row("a", status="failed", error="it broke otherwise")])
+        assert len(board_of_runs("b", [one, two]).cells) == 1
+        store_run(tmp_path / "one", [full_row("a", [1.0])])
+    store_run(tmp_path / "two", [full_row("a", [1.0, 2.0])])
+    with pytest.raises(PcdbenchError, match="1 samples there, 2 here"):
+        board_of_runs("b", [one, two])
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ({"dataset_version": "2"}, "one has data set rooms at version 1, .*two at version 2"),
+        ({"scene_digest": "d" * 20}, "scene room0 of data set rooms at digest room0, .* at digest dddd"),
+        ({"task_version": "2"}, "task task at version 1, .*two at version 2"),
+    ],
+)
+def test_versions_do_not_mix(tmp_path, more, message):
+    one = store_run(tmp_path / "one", [full_row("a", [1.0])])
+    two = store_run(tmp_path / "two", [full_row("b", [1.0], **more)])
+    with pytest.raises(PcdbenchError, match=message):
+        board_of_runs("b", [one, two])
+
+
+def test_splits_stand_side_by_side(tmp_path):
+    store_run(tmp_path / "one", rows_of("a", 1.0), split="test")
+    store_run(tmp_path / "two", rows_of("a", 1.0), split="small")
+    board = board_of_runs("b", [tmp_path])
+    assert [its.split for its in board.data] == ["small", "test"]
+    assert [(its.data, its.cases) for its in board.standings] == [(0, 7), (1, 7)]
+
+
+def test_a_completer_with_other_options_or_weights_is_another_one(tmp_path):
+    rows = rows_of("a", 1.0, options={"distance": 1, "same": 0}) + rows_of("a", 2.0, options={"distance": 2, "same": 0})
+    rows += rows_of("net", 1.0, weights="1234567890") + rows_of("net", 1.0, weights="abcdefghij", version="2")
+    board = board_of_runs("b", [store_run(tmp_path, rows)])
+    assert [its.label for its in board.completers] == [
+        "a (distance=1)",
+        "a (distance=2)",
+        "net (version 1, weights 12345678)",
+        "net (version 2, weights abcdefgh)",
+    ]
+    assert [its.mean.value for its in board.standings][:2] == [4.25, 5.25]
+
+
+def test_failed_cases_are_counted_and_cost_the_rank(tmp_path):
+    fails = rows_of("fails", 0.9)
+    fails[5:] = [full_row("fails", scene=scene, status="timeout", error="too long") for scene in SCENES[5:]]
+    rows = rows_of("a", 1.0) + fails + rows_of("incomplete", 50.0)
+    board = board_of_runs("b", [store_run(tmp_path, rows)])
+    of = {its.completer: its for its in board.standings}
+    assert (of["fails"].cases, of["fails"].failed, of["a"].failed) == (5, 2, 0)
+    assert of["fails"].mean.value < of["a"].mean.value, "of what it measured"
+    (comparison,) = board.comparisons
+    assert (comparison.first, comparison.second) == ("a", "fails") and comparison.difference.value < 0
+    (cell,) = [its for its in board.cells if its.completer == "fails" and board.cases[its.case].scene == "room6"]
+    assert (cell.results["task"].status, cell.results["task"].error) == ("timeout", "too long")
+
+
+@pytest.mark.parametrize(
+    ("entry", "seen"),
+    [
+        ({"dataset": "rooms"}, 7),
+        ({"dataset": "rooms", "split": "test"}, 7),
+        ({"dataset": "rooms", "split": "train"}, 0),
+        ({"dataset": "rooms", "scenes": ["room0", "room3", "room"]}, 2),
+        ({"dataset": "other", "split": "test"}, 0),
+    ],
+)
+def test_a_completer_that_saw_the_test_scenes_is_flagged(tmp_path, entry, seen):
+    folder = store_run(tmp_path, rows_of("net", 1.0) + rows_of("a", 1.0), cards={"net": {"trained_on": [entry]}})
+    of = board_of_runs("b", [folder]).completer_of
+    assert of["a"].saw_test == "" and of["a"].card is None
+    assert of["net"].saw_test == (f"{seen} of 7 scenes of rooms test" if seen else "")
+
+
+def test_scenes_of_a_trained_environment_and_of_an_overlapping_split_are_seen():
+    from pcdbench.leaderboard.board import BoardData
+    from pcdbench.leaderboard.saw_test import seen_in_training
+
+    scenes = {f"env{number:03d}_crop0": "d" for number in range(30)}
+    data = BoardData("indoor", "1", {}, "test-small", scenes)
+
+    def seen(**entry):
+        return seen_in_training({"trained_on": [{"dataset": "indoor", **entry}]}, [data])
+
+    assert seen(scenes=["env003", "env02"]) == "1 of 30 scenes of indoor test-small"
+    assert seen(split="test") == "30 of 30 scenes of indoor test-small"
+    assert seen(split="train") == seen(split="val") == seen(split="nonsense") == ""
+
+
+def test_what_is_no_run_is_said(tmp_path):
+    with pytest.raises(PcdbenchError, match="is not a run"):
+        board_of_runs("b", [tmp_path])
+    with pytest.raises(PcdbenchError, match="has no rows yet"):
+        board_of_runs("b", [store_run(tmp_path, [])])
+
+
+def test_keys_are_those_of_the_rows(tmp_path):
+    row = full_row("a", [1.0])
+    board = board_of_runs("b", [store_run(tmp_path, [row])])
+    assert row["key"].startswith(board.cells[0].results["task"].key) and row["cell"].startswith(board.cells[0].key)
+    assert re.fullmatch("[0-9a-f]{16}", board.cells[0].key)
