@@ -1,6 +1,10 @@
 """The completers that come with pcdbench, registered exactly as a third party's would be."""
 
+from pathlib import Path
+
 from pcdbench.plugins import Register, hookimpl
+
+_HERE = Path(__file__).parent
 
 
 @hookimpl
@@ -16,3 +20,23 @@ def register_completers(register: Register) -> None:
     )
     register("plane_fitting", f"{here}.plane_fitting:PlaneFitting", "planes by RANSAC, their gaps filled")
     register("hole_filling", f"{here}.hole_filling:HoleFilling", "a mesh of near neighbours, its holes filled")
+    deeppcd = [_HERE / "deeppcd" / f"{part}.safetensors" for part in ("weights", "color")]
+    register(
+        "deeppcd",
+        f"{here}.deeppcd.completer:DeepPCD",
+        "DeepPCD: the network's own cloud, as published",
+        weights=deeppcd,
+    )
+    register(
+        "deeppcd_merged",
+        f"{here}.deeppcd.completer:DeepPCDMerged",
+        "what was observed, and DeepPCD's points where nothing was",
+        weights=deeppcd,
+    )
+    for name, target in (("pcn", "PCN"), ("foldingnet", "FoldingNet")):
+        register(
+            name,
+            f"{here}.{name}.completer:{target}",
+            f"{target}, patch by patch",
+            weights=[_HERE / name / "weights.safetensors"],
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class Grid:
         return np.stack(np.divmod(np.arange(self.size**2), self.size), axis=1)
 
     def members(self, scaled: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-        """The rows of (N, 3) scaled points in each cell; cells overlap a little, those at the border reach beyond it."""
+        """The rows of (N, 3) scaled points in each cell; they overlap a little, and border cells reach on beyond."""
         within = []
         for axis in range(2):
             edge = max(self.extent[axis], 1e-9) / self.size
@@ -97,6 +97,16 @@ class Patches:
     def cells(self) -> NDArray[np.int64]:
         """(P, 2) the position of each patch in the grid."""
         return self.grid.cells()[self.number]
+
+    def select(self, which: NDArray[np.int64]) -> Patches:
+        """Some of the patches."""
+        return replace(
+            self,
+            number=self.number[which],
+            rows=self.rows[which],
+            points=self.points[which],
+            low=self.low[which],
+        )
 
     def metric(self, points: NDArray[np.float32]) -> NDArray[np.float64]:
         """(P, K, 3) points of patches, as patches are scaled, to (P * K, 3) metres."""

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import difflib
 import importlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any, Literal, Protocol
 
 import pluggy
@@ -30,7 +31,9 @@ KINDS: tuple[Kind, ...] = ("completer", "task", "dataset", "incompleteness")
 class Register(Protocol):
     """What a hook is given: call it once for each thing that the plugin brings."""
 
-    def __call__(self, name: str, target: str, summary: str, *, reference: bool = False) -> None:
+    def __call__(
+        self, name: str, target: str, summary: str, *, reference: bool = False, weights: Sequence[Path] = ()
+    ) -> None:
         """Register one thing.
 
         Args:
@@ -38,6 +41,7 @@ class Register(Protocol):
             target: where the class is, as "package.module:Class"; imported when it is needed.
             summary: one line for `pcdbench list`.
             reference: a row to measure against, not a method (completers only).
+            weights: the files of weights that its package brings and that it cannot do without (completers only).
         """
 
 
@@ -85,6 +89,7 @@ class Registration:
     summary: str
     reference: bool
     origin: str
+    weights: tuple[Path, ...] = ()
 
     def load(self) -> type[Any]:
         """Import the class.
@@ -200,12 +205,20 @@ def _registrations(plugin: object, origin: str) -> list[Registration]:
     found: list[Registration] = []
     for kind, hook in _HOOK_OF_KIND.items():
 
-        def register(name: str, target: str, summary: str, *, reference: bool = False, kind: Kind = kind) -> None:
+        def register(
+            name: str,
+            target: str,
+            summary: str,
+            *,
+            reference: bool = False,
+            weights: Sequence[Path] = (),
+            kind: Kind = kind,
+        ) -> None:
             if not name.replace("_", "a").isalnum() or not name.isascii() or name != name.lower():
                 raise PluginError(f"{kind} name {name!r} may hold only lower case letters, digits and _")
             if ":" not in target:
                 raise PluginError(f'{kind} {name!r}: target {target!r} must look like "package.module:Class"')
-            found.append(Registration(kind, name, target, summary, reference, origin))
+            found.append(Registration(kind, name, target, summary, reference, origin, tuple(weights)))
 
         getattr(manager.hook, hook)(register=register)
     return found

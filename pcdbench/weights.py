@@ -30,7 +30,7 @@ class Weights:
         Args:
             shipped: where the package has them.
             own: a file to use instead, on disk or at `https://...#sha256=DIGEST`; empty for none.
-            name: of the completer, for messages.
+            name: of the completer, or of its part (`deeppcd.color`), for messages.
 
         Raises:
             PcdbenchError: where the file is missing, or is not the one that its card or its digest describes.
@@ -42,7 +42,7 @@ class Weights:
                 "check the path"
                 if own
                 else f"train them (pcdbench train {name} --hours 1 --out DIR) and give them with "
-                f"--option {name}.weights=DIR/weights.safetensors"
+                f"--option {weights_option(name)}=DIR/weights.safetensors"
             )
             raise PcdbenchError(f"the weights of {name} are not at {self.path}; {cure}")
         self.digest = file_digest(self.path)
@@ -84,6 +84,12 @@ class Weights:
                 f"{self.path} holds the weights of another network than {self._name} ({first})"
             ) from None
         return network.eval()
+
+
+def weights_option(name: str) -> str:
+    """The option for weights of one's own: `NAME.weights` of a completer, `NAME.PART_weights` of its part."""
+    completer, _, part = name.partition(".")
+    return f"{completer}.{part}_weights" if part else f"{completer}.weights"
 
 
 def model_card(weights: Path) -> Mapping[str, Any] | None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .layers import Neighbors, PatchEncoder, SharedMLP, SplitLinear
+from ..layers import SharedMLP, SplitLinear
+from .encoder import Neighbors, PatchEncoder
 
 CONDITION = 512
 POOLED = 256
@@ -53,7 +55,7 @@ class ColorNetwork(nn.Module):
             around: their `Neighborhoods`.
             points: (P, M, 3) to paint, and `colors`, (P, M, 3), what they truly are.
         """
-        condition = self.conditioned(observed, observed_colors, around)
+        condition = self.condition(observed, centered(observed_colors), around)[2]
         painted = self.generator(points, condition)
         given = condition.detach()
         judge = dict(self.discriminator.named_parameters())
@@ -66,9 +68,24 @@ class ColorNetwork(nn.Module):
             fooled,
         )
 
-    def conditioned(self, observed: Tensor, observed_colors: Tensor, around: Neighbors) -> Tensor:
-        """(P, 512): what is known of each patch."""
-        return self.condition(observed, 2 * observed_colors - 1, around)[2]
+
+class PaintingNetwork(nn.Module):
+    """The half of the colour network that paints: the condition and the generator, with the weights of the whole."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.condition = PatchEncoder(6, (CONDITION,))
+        self.generator = Generator()
+
+    def load_state_dict(self, state_dict: Mapping[str, Any], *args: Any, **kwargs: Any) -> Any:
+        """Those of a `ColorNetwork` serve, too: its discriminator is left out."""
+        kept = {name: value for name, value in state_dict.items() if not name.startswith("discriminator.")}
+        return super().load_state_dict(kept, *args, **kwargs)
+
+
+def centered(colors: Tensor) -> Tensor:
+    """Colours in [-1, 1], as the networks take them, of colours in [0, 1]."""
+    return 2 * colors - 1
 
 
 class Generator(nn.Module):
@@ -110,5 +127,5 @@ class Discriminator(nn.Module):
 
     def forward(self, points: Tensor, colors: Tensor, condition: Tensor) -> Tensor:
         """(P,) float32 logits, above 0 for true colours, of (P, M, 3) points, their colours and (P, 512) conditions."""
-        features = self.points(torch.cat([points, 2 * colors - 1], dim=2))
+        features = self.points(torch.cat([points, centered(colors)], dim=2))
         return self.verdict(torch.cat([features.amax(dim=1), condition.to(features.dtype)], dim=1)).float()[:, 0]

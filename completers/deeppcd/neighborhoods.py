@@ -10,12 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pcdbench.geometry.neighbors import loose_tree
-from pcdbench.threads import thread_count
+from ..patch_neighbors import within
 
 RADII = (0.15, 0.3)  # of the patch
 NEIGHBORS = 32
-APART = 8.0  # patches are put so far from each other that one KD-tree serves them all
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,7 +22,7 @@ class Neighborhoods:
 
     Attributes:
         sampled_1: (P, N / 4) rows of a patch's points, farthest first.
-        neighbors_1: (P, N / 4, 32) the nearest rows within 0.15 of each; the sampled point itself where there are fewer.
+        neighbors_1: (P, N / 4, 32) the nearest rows within 0.15 of each; the point itself where there are fewer.
         sampled_2: (P, N / 8) rows of the points sampled first.
         neighbors_2: (P, N / 8, 32) likewise, within 0.3.
     """
@@ -44,9 +42,9 @@ class Neighborhoods:
         middle = np.take_along_axis(points, sampled_1[..., None], axis=1)
         return Neighborhoods(
             sampled_1,
-            within(points, sampled_1, RADII[0]),
+            within(points, sampled_1, RADII[0], NEIGHBORS),
             sampled_2,
-            within(middle, sampled_2, RADII[1]),
+            within(middle, sampled_2, RADII[1], NEIGHBORS),
         )
 
 
@@ -67,17 +65,3 @@ def farthest(points: NDArray[np.float32], count: int) -> NDArray[np.int32]:
         np.minimum(apart, dx * dx + dy * dy + dz * dz, out=apart)
         latest = apart.argmax(axis=1)
     return chosen
-
-
-def within(points: NDArray[np.float32], sampled: NDArray[np.int32], radius: float) -> NDArray[np.int32]:
-    """(P, S, 32) rows of each patch's (P, N, 3) points: the nearest to each sampled one, none beyond the radius."""
-    patches, count, _ = points.shape
-    apart = points.astype(np.float64)
-    apart[..., 0] += APART * np.arange(patches)[:, None]
-    queries = np.take_along_axis(apart, sampled[..., None].astype(np.int64), axis=1)
-    distances, found = loose_tree(apart.reshape(-1, 3)).query(
-        queries.reshape(-1, 3), k=NEIGHBORS, distance_upper_bound=radius, workers=thread_count()
-    )
-    found = found.reshape(patches, -1, NEIGHBORS) - (count * np.arange(patches))[:, None, None]
-    found = np.where(np.isfinite(distances).reshape(found.shape), found, sampled[..., None])
-    return found.astype(np.int32)

@@ -9,7 +9,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from .layers import Neighbors, PatchEncoder, SharedMLP, SplitLinear
+from ..layers import SharedMLP, SplitLinear
+from .encoder import Neighbors, PatchEncoder
 
 FEATURE = 768
 POINT_FEATURE = 384
@@ -130,8 +131,8 @@ class PlanePointGenerator(nn.Module):
         self.first = SplitLinear(POINT_FEATURE + 3, FEATURE, 1024)
         self.rest = nn.Sequential(SharedMLP(1024, 512, 256), nn.Linear(256, 9))
         with torch.no_grad():
-            self.rest[-1].weight.mul_(0.1)  # type: ignore[union-attr, operator]
-            self.rest[-1].bias.copy_(torch.eye(3).flatten())  # type: ignore[union-attr, operator]
+            self.rest[-1].weight.mul_(0.1)
+            self.rest[-1].bias.copy_(torch.eye(3).flatten())
 
     def forward(self, points: Tensor, features: Tensor, patch: Tensor) -> Tensor:
         """(P, S, 3, 3) float32 of (P, S, 3) points, their features (P, S, 384) and their patch's (P, 768)."""
@@ -165,7 +166,7 @@ class Displacement(nn.Module):
         self.norm = nn.LayerNorm(256)
         self.rest = nn.Sequential(SharedMLP(256, 256, 64), nn.Linear(64, 3))
         with torch.no_grad():
-            self.rest[-1].weight.mul_(0.1)  # type: ignore[union-attr, operator]
+            self.rest[-1].weight.mul_(0.1)
 
     def forward(self, points: Tensor, feature: Tensor) -> Tensor:
         """(P, K, 3) float32 displacements in (-1, 1) of (P, K, 3) points with their (P, 768) features."""

@@ -33,10 +33,16 @@ def _lines(registrations: list[Registration]) -> list[str]:
     """One line each, in columns: name, summary, origin."""
     if not registrations:
         return ["none"]
-    summaries = [one.summary + (" [reference]" if one.reference else "") for one in registrations]
+    summaries = [one.summary + _note(one) for one in registrations]
     name_width = max(len(one.name) for one in registrations)
     summary_width = max(map(len, summaries))
     return [
         f"{one.name:<{name_width}}  {summary:<{summary_width}}  {one.origin}"
         for one, summary in zip(registrations, summaries, strict=True)
     ]
+
+
+def _note(registration: Registration) -> str:
+    if registration.reference:
+        return " [reference]"
+    return "" if all(path.is_file() for path in registration.weights) else " [weights missing]"

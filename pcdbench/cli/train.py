@@ -11,7 +11,7 @@ from pcdbench.errors import PcdbenchError
 
 
 def train(
-    name: Annotated[str, typer.Argument(help="A completer that learns (see `pcdbench show`).")],
+    name: Annotated[str, typer.Argument(help="A completer that learns, or a part of it: deeppcd.color.")],
     out: Annotated[Path, typer.Option(help="Receives checkpoint, weights, model card and curve.")],
     hours: Annotated[float | None, typer.Option(min=0.0, help="Train this long, over all resumptions.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this many steps.")] = None,
@@ -24,14 +24,17 @@ def train(
     """Train a completer that learns; stop it at any moment, and go on with --resume."""
     from pcdbench.plugins import did_you_mean, load_target, registry
 
-    completer = registry().get("completer", name).load()
-    if completer.trainee is None:
+    # A completer of several networks names the trainee of its part PART as `PART_trainee`.
+    completer_name, _, part = name.partition(".")
+    completer = registry().get("completer", completer_name).load()
+    target = getattr(completer, f"{part}_trainee" if part else "trainee", None)
+    if target is None:
         raise PcdbenchError(f"{name} learns nothing, so there is nothing to train")
     if device not in ("auto", "cpu", "cuda"):
         raise PcdbenchError(f"--device {device!r} must be auto, cpu or cuda")
     if out.exists() and (out / "checkpoint.safetensors").exists() and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
-    trainee = load_target(completer.trainee)()
+    trainee = load_target(target)()
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
     chosen = trainee.presets[preset]
@@ -42,6 +45,7 @@ def train(
     from pcdbench.training.loop import train as train_loop
     from pcdbench.training.stream import PairStream
     from pcdbench.training.validation import Validation
+    from pcdbench.weights import weights_option
 
     stream = PairStream(seed)
     progress = train_loop(
@@ -58,4 +62,4 @@ def train(
     )
     weights = out / "weights.safetensors"
     write_card(weights, name, stream, chosen, progress)
-    typer.echo(f"weights: {weights} (use them with --option {name}.weights={weights})")
+    typer.echo(f"weights: {weights} (use them with --option {weights_option(name)}={weights})")

@@ -21,7 +21,7 @@ def test_a_point_is_in_the_cells_whose_widened_borders_hold_it(size):
     low, high = points.min(axis=0), points.max(axis=0)
     edge = (high - low)[:2] / size
     for (row, column), rows in zip(grid.cells(), members, strict=True):
-        near, far = low[:2] + (np.array([row, column]) + [[-OVERLAP], [1 + OVERLAP]]) * edge
+        near, far = low[:2] + np.add([row, column], [[-OVERLAP], [1 + OVERLAP]]) * edge
         inside = ((points[:, :2] >= near - 1e-9) & (points[:, :2] <= far + 1e-9)).all(axis=1)
         assert np.array_equal(np.flatnonzero(inside), rows)
     assert np.array_equal(np.unique(np.concatenate(members)), np.arange(len(points)))
@@ -34,7 +34,7 @@ def test_points_beyond_the_grid_belong_to_the_cells_at_its_border():
 
 
 def test_the_aspect_is_kept_and_the_longest_side_is_one():
-    points = box_room(3000).points + [2e6, -1e6, 40.0]
+    points = box_room(3000).points + np.array([2e6, -1e6, 40.0])
     grid = Grid.over(points, 5)
     scaled = grid.scaled(points)
     assert np.allclose(np.ptp(scaled, axis=0), SIZE_M / 6.0, atol=0.01)

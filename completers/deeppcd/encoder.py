@@ -1,0 +1,43 @@
+"""What DeepPCD's geometry and colour network begin with: a PointNet with two PConv layers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from ..layers import SharedMLP, neighbor_max, rows_of
+
+Neighbors = tuple[Tensor, Tensor, Tensor, Tensor]  # the fields of `Neighborhoods`, in order
+
+
+class PatchEncoder(nn.Module):
+    """A PointNet with two PConv layers (sampling, and the maximum over neighbours), its weights shared by all patches.
+
+    Args:
+        channels: of a point: 3, or 6 with colour.
+        last: widths after the second PConv.
+    """
+
+    def __init__(self, channels: int, last: Sequence[int]) -> None:
+        super().__init__()
+        self.mlp_1 = SharedMLP(channels, 64, 128)
+        self.mlp_2 = SharedMLP(128 + 3, 256, 384)
+        self.mlp_3 = SharedMLP(384 + 3, *last)
+
+    def forward(self, points: Tensor, extra: Tensor | None, around: Neighbors) -> tuple[Tensor, Tensor, Tensor]:
+        """The N / 8 points (P, N / 8, 3) sampled last with their features (P, N / 8, 384), and the patch's (P, last).
+
+        Args:
+            points: (P, N, 3), each patch scaled to [0, 1].
+            extra: (P, N, channels - 3) or None: what else is known of each point.
+        """
+        sampled_1, neighbors_1, sampled_2, neighbors_2 = (rows.long() for rows in around)
+        fine = self.mlp_1(points if extra is None else torch.cat([points, extra], dim=2))
+        middle = rows_of(points, sampled_1)
+        features = self.mlp_2(torch.cat([neighbor_max(fine, neighbors_1), middle.to(fine.dtype)], dim=2))
+        coarse = rows_of(middle, sampled_2)
+        features = neighbor_max(features, neighbors_2)
+        patch = self.mlp_3(torch.cat([features, coarse.to(features.dtype)], dim=2)).amax(dim=1)
+        return coarse, features, patch

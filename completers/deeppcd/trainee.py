@@ -1,0 +1,95 @@
+"""How DeepPCD's geometry learns: the cloud as a whole and patch by patch, and plane points that are turned only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import ClassVar
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from pcdbench.training.chamfer import matched
+from pcdbench.training.stream import TrainingPair
+from pcdbench.training.trainee import Example, Preset, Trainee
+
+from ..patch_truth import TRUTH_POINTS, distances_by_patch, evenly, true_patches
+from ..patches import Patches
+from .completer import DeepPCD, DeepPCDOptions
+from .neighborhoods import Neighborhoods
+from .network import DeepPCDNetwork
+
+SHARE_MOVED = 0.5  # of the plane points, drawn anew for each example: half the displacement's cost
+PATCH_WEIGHT, TURN_WEIGHT = 0.5, 0.001
+NEIGHBORHOODS = tuple(field.name for field in fields(Neighborhoods))
+EPOCH = 1_200  # samples, as published
+
+
+class DeepPCDTrainee(Trainee):
+    """Chamfer distance of the cloud + 0.5 times that of its patches + 0.001 |I - R^T R|^2 of the generator's turns."""
+
+    presets: ClassVar[Mapping[str, Preset]] = {
+        "default": Preset(learning_rate=3e-4, batch=2),
+        "published": Preset(
+            learning_rate=3e-4,
+            batch=2,
+            schedule="plateau",
+            weight_decay=0.0,
+            steps=500 * EPOCH // 2,
+            validate_every=20 * EPOCH // 2,
+        ),
+    }
+
+    def __init__(self, options: DeepPCDOptions | None = None) -> None:
+        """Train a network of these options; weights, colour and merging play no part."""
+        self.options = DeepPCDOptions() if options is None else options
+
+    def network(self) -> nn.Module:
+        return DeepPCDNetwork(self.options.plane_points, self.options.generator)
+
+    def completer(self, network: nn.Module) -> DeepPCD:
+        assert isinstance(network, DeepPCDNetwork)
+        return DeepPCD(self.options.model_copy(update={"color": "nearest"}), network=network)
+
+    def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
+        """The observed patches with their neighbourhoods, and the truth: `truth` (T, 3) of the whole cloud in the unit
+        of the grid, `patch_truth` (U, 3) of the patches `patch_of` (U,), scaled as they are.
+        """
+        observed = pair.complete.select(pair.kept)
+        patches = Patches.of(observed.points, self.options.grid, rng)
+        assert patches is not None  # the fullest of G x G cells holds a mean cell's points at least
+        truth = pair.truth.points[evenly(pair.truth.points, TRUTH_POINTS, rng)]
+        scaled = patches.grid.scaled(truth)
+        patch_of, patch_truth = true_patches(patches, scaled)
+        moved = round(SHARE_MOVED * self.options.plane_points)
+        chosen = rng.random((len(patches.points), self.options.plane_points)).argsort(axis=1)[:, :moved]
+        return {
+            "points": patches.points,
+            **vars(Neighborhoods.of(patches.points)),
+            "cells": patches.cells,
+            "low": patches.low,
+            "scale": np.asarray(patches.scale),
+            "chosen": chosen,
+            "truth": scaled.astype(np.float32),
+            "patch_truth": patch_truth,
+            "patch_of": patch_of,
+        }
+
+    def loss(self, network: nn.Module, example: dict[str, Tensor]) -> dict[str, Tensor]:
+        around = tuple(example[name] for name in NEIGHBORHOODS)
+        patches, points, turns = network(
+            example["points"], around, example["cells"], example["low"], example["scale"], example["chosen"]
+        )
+        there, back = (step.square().sum(dim=1) for step in matched(points, example["truth"]))
+        cloud = there.mean() + back.mean()
+        to_truth, from_truth = distances_by_patch(patches, example["patch_truth"], example["patch_of"], power=2)
+        patch = (to_truth + from_truth).mean()
+        loss = cloud + PATCH_WEIGHT * patch
+        terms = {"cloud": cloud, "patch": patch}
+        if turns is not None:
+            turned = turns.float()
+            off = turned.transpose(-1, -2) @ turned - torch.eye(3, device=turned.device)
+            terms["turn"] = off.square().sum(dim=(-1, -2)).mean()
+            loss = loss + TURN_WEIGHT * terms["turn"]
+        return {"loss": loss, **terms}

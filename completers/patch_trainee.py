@@ -1,0 +1,37 @@
+"""What PCN and FoldingNet learn from: some patches of each cloud, each with its own truth."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.training.stream import TrainingPair
+from pcdbench.training.trainee import Example, Trainee
+
+from .patch_truth import TRUTH_POINTS, evenly, true_patches
+from .patches import Patches
+
+PATCHES = 8  # of a cloud, drawn anew each time: they know nothing of each other, and many clouds teach more
+FOUND = 1024  # points a patch, drawn anew each time, that the loss looks at
+
+
+class PatchTrainee(Trainee):
+    """Examples for networks that complete each patch on its own."""
+
+    def __init__(self, grid: int = 5) -> None:
+        """Train on patches of a grid of this size."""
+        self.grid = grid
+
+    def patches(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
+        """`points` (P, 1024, 3) of some patches, and their truth: `truth` (U, 3) of the patches `truth_of` (U,)."""
+        every = Patches.of(pair.complete.select(pair.kept).points, self.grid, rng)
+        assert every is not None  # the fullest of G x G cells holds a mean cell's points at least
+        some = every.select(np.sort(rng.permutation(len(every.number))[:PATCHES]))
+        truth = pair.truth.points[evenly(pair.truth.points, TRUTH_POINTS, rng)]
+        truth_of, points = true_patches(some, some.grid.scaled(truth))
+        return {"points": some.points, "truth": points, "truth_of": truth_of}
+
+
+def drawn(patches: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """(patches, 1024) which of `count` points of each patch the loss looks at."""
+    return rng.random((patches, count)).argsort(axis=1)[:, :FOUND]

@@ -1,0 +1,112 @@
+"""What completers share that learned to complete patches: cutting, asking a network, merging with what was observed."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial import cKDTree
+
+import pcdbench
+from pcdbench.geometry.neighbors import nearest
+from pcdbench.geometry.sampling import apart_indices
+from pcdbench.threads import thread_count
+
+from .local_surface import surface_spacing
+from .patches import Patches
+
+NEIGHBORS = 10
+JITTERS = 4  # candidates a point of the network's: what blue noise chooses from
+# Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
+DARTS_PER_SPACING = 0.74
+
+
+class PatchwiseOptions(pcdbench.Options):
+    """Options of all patchwise completers."""
+
+    grid: int = Field(5, ge=1, le=16, description="cells along length and along width")
+    keep_observed: bool = Field(
+        False, description="keep every observed point, and the network's only where nothing was observed"
+    )
+    clearance_spacings: float = Field(
+        2.0, gt=0, description="with keep_observed: this far from any observed point nothing was observed"
+    )
+    weights: str = Field(
+        "", description="a safetensors file of one's own, or https://...#sha256=DIGEST; empty for the package's"
+    )
+
+
+class PatchwiseCompleter(pcdbench.Completer):
+    """Cuts the cloud into patches, has a network complete them and puts the patches together again."""
+
+    Options = PatchwiseOptions
+    options: PatchwiseOptions
+
+    def complete(self, cloud: pcdbench.PointCloud, rng: np.random.Generator) -> pcdbench.PointCloud:
+        patches = Patches.of(cloud.points, self.options.grid, rng)
+        if patches is None:
+            return cloud
+        found = self.found(cloud, patches, rng)
+        if not self.options.keep_observed:
+            return found
+        return merged(cloud, found, self.options.clearance_spacings, rng)
+
+    @abstractmethod
+    def found(self, cloud: pcdbench.PointCloud, patches: Patches, rng: np.random.Generator) -> pcdbench.PointCloud:
+        """The network's own cloud, in metres, coloured where the given one is."""
+
+
+class LonePatchCompleter(PatchwiseCompleter):
+    """Completes each patch on its own; points have the colour of the nearest observed one."""
+
+    def found(self, cloud: pcdbench.PointCloud, patches: Patches, rng: np.random.Generator) -> pcdbench.PointCloud:
+        import torch
+
+        from .precision import bfloat16_pays
+
+        torch.set_num_threads(thread_count())
+        with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bfloat16_pays()):
+            points = patches.metric(self.completed(patches, rng))
+        colors = None if cloud.colors is None else cloud.colors[nearest(points, cloud.points)[1]]
+        return pcdbench.PointCloud(points, colors)
+
+    @abstractmethod
+    def completed(self, patches: Patches, rng: np.random.Generator) -> NDArray[np.float32]:
+        """(P, K, 3) the network's points, as patches are scaled; gradients are off."""
+
+
+def merged(
+    cloud: pcdbench.PointCloud, found: pcdbench.PointCloud, clearance_spacings: float, rng: np.random.Generator
+) -> pcdbench.PointCloud:
+    """Every observed point, and found ones where nothing was observed, at the observed density.
+
+    A found point far enough from all observed ones gives a few candidates, spread over the plane that fits its
+    neighbours; blue noise chooses among them. So sparse finds become as dense as the cloud, and dense ones no denser.
+
+    Args:
+        clearance_spacings: how far is far enough, in spacings of the observed points.
+    """
+    if len(cloud) <= NEIGHBORS:
+        return cloud
+    origin = cloud.points.mean(axis=0)
+    observed, points = cloud.points - origin, found.points - origin
+    spacing_m = surface_spacing(observed)
+    distances, _ = cKDTree(observed).query(points, workers=thread_count())
+    away = np.flatnonzero(distances > clearance_spacings * spacing_m)
+    if not len(away) or spacing_m == 0.0:
+        return cloud
+    points = points[away]
+    support = np.concatenate([points, observed])
+    _, index = cKDTree(support).query(points, k=NEIGHBORS, workers=thread_count())
+    center = support[index].mean(axis=1)
+    spread = support[index] - center[:, None]
+    normals = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
+    candidates = points + spacing_m * rng.uniform(-0.5, 0.5, (JITTERS, *points.shape))
+    heights = np.einsum("jni,ni->jn", candidates - center, normals)
+    candidates = (candidates - heights[..., None] * normals).reshape(-1, 3)
+    everything = np.concatenate([observed, candidates])
+    chosen = apart_indices(everything, DARTS_PER_SPACING * spacing_m, rng, fixed=len(cloud))[len(cloud) :] - len(cloud)
+    colors = None if found.colors is None else found.colors[away[chosen % len(away)]]
+    return pcdbench.PointCloud.concatenate([cloud, pcdbench.PointCloud(candidates[chosen] + origin, colors)])

@@ -1,0 +1,57 @@
+"""pcn: PCN's own cloud, patch by patch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pcdbench.weights import Weights
+
+from ..patches import Patches
+from ..patchwise import LonePatchCompleter, PatchwiseOptions
+
+if TYPE_CHECKING:
+    from .network import PCNNetwork
+
+SHIPPED = Path(__file__).with_name("weights.safetensors")
+POINTS = 1024  # of the 16,384 fine points of a patch: all of them would be cut to about as many before any metric
+
+
+class PCN(LonePatchCompleter):
+    """PCN with the hyper-parameters of its publication, on each patch alone: it was made for small objects.
+
+    A random 1,024 of a patch's 16,384 points make up the completed cloud.
+    """
+
+    citation = "Yuan et al., PCN: Point Completion Network, 3DV 2018"
+    trainee = "pcdbench_completers.pcn.trainee:PCNTrainee"
+
+    def __init__(self, options: PatchwiseOptions | None = None, network: PCNNetwork | None = None) -> None:
+        """Load the weights, or use a network that is there already (in training)."""
+        super().__init__(options)
+        self._weights = None
+        if network is None:
+            from .network import PCNNetwork
+
+            self._weights = Weights(SHIPPED, self.options.weights, "pcn")
+            network = self._weights.load_into(PCNNetwork())
+        self._network = network
+
+    def weights_digest(self) -> str | None:
+        return self._weights.digest if self._weights else None
+
+    def model_card(self) -> Mapping[str, Any] | None:
+        return self._weights.card if self._weights else None
+
+    def completed(self, patches: Patches, rng: np.random.Generator) -> NDArray[np.float32]:
+        import torch
+
+        from .network import FINE
+
+        chosen = np.stack([rng.choice(FINE, POINTS, replace=False) for _ in patches.number])
+        _, fine = self._network(torch.from_numpy(patches.points), torch.from_numpy(chosen))
+        return fine.numpy()

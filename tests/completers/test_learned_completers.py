@@ -1,0 +1,192 @@
+"""deeppcd, deeppcd_merged, pcn, foldingnet as plugins: contract, merging, colours, and weights that are missing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from completer_cases import box_room, far_from
+from pcdbench_completers.deeppcd import completer as deeppcd
+from pcdbench_completers.deeppcd.color import ColorNetwork, PaintingNetwork
+from pcdbench_completers.deeppcd.completer import DeepPCD, DeepPCDMerged, DeepPCDMergedOptions, DeepPCDOptions
+from pcdbench_completers.deeppcd.network import DeepPCDNetwork
+from pcdbench_completers.foldingnet.completer import FoldingNet
+from pcdbench_completers.foldingnet.network import FoldingNetNetwork
+from pcdbench_completers.patchwise import PatchwiseOptions, merged
+from pcdbench_completers.pcn.completer import PCN
+from pcdbench_completers.pcn.network import PCNNetwork
+from safetensors.torch import save_file
+
+from pcdbench import PcdbenchError, PointCloud
+from pcdbench.cli import list_
+from pcdbench.plugins import Registration
+from pcdbench.runner.plan import Request, plan
+from pcdbench.testing import check_completer
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture(scope="module")
+def networks():
+    torch.manual_seed(0)
+    return {
+        "geometry": DeepPCDNetwork(256).eval(),
+        "painting": PaintingNetwork().eval(),
+        "pcn": PCNNetwork().eval(),
+        "foldingnet": FoldingNetNetwork().eval(),
+    }
+
+
+@pytest.fixture(params=["deeppcd", "deeppcd_merged", "pcn", "foldingnet"])
+def completer(request, networks):
+    own = {"network": networks["geometry"], "painting": networks["painting"]}
+    lone = PatchwiseOptions(grid=2)
+    return {
+        "deeppcd": lambda: DeepPCD(DeepPCDOptions(grid=2, plane_points=256), **own),
+        "deeppcd_merged": lambda: DeepPCDMerged(DeepPCDMergedOptions(grid=2, plane_points=256), **own),
+        "pcn": lambda: PCN(lone, networks["pcn"]),
+        "foldingnet": lambda: FoldingNet(lone, networks["foldingnet"]),
+    }[request.param]()
+
+
+def test_the_contract(completer):
+    check_completer(completer)
+
+
+@pytest.fixture(scope="module")
+def room():
+    return far_from(box_room(5000), [[2.0, 2.0, 0.0], [0.0, 2.0, 1.3]], 0.8)
+
+
+def test_every_observed_point_is_kept_and_gaps_are_filled_at_the_observed_density():
+    whole = box_room(8000)
+    hole = np.array([3.0, 2.0, 0.0])
+    room = far_from(whole, [hole.tolist()], 1.0)
+    for found in (box_room(3000), box_room(20_000)):  # sparser and denser than what was observed
+        result = merged(room, found, 2.0, rng())
+        assert np.array_equal(result.points[: len(room)], room.points)
+        assert np.array_equal(result.colors[: len(room)], room.colors)
+        added = result.points[len(room) :]
+        missing = len(whole) - len(room)
+        assert 0.6 * missing < len(added) < 1.2 * missing
+        assert (np.linalg.norm(added - hole, axis=1) < 1.0).all() and np.abs(added[:, 2]).max() < 0.05
+
+
+def test_what_was_observed_alone_is_returned_where_nothing_else_was_found(room):
+    assert len(merged(room, room, 2.0, rng())) == len(room)
+
+
+def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
+    result = DeepPCD(DeepPCDOptions(grid=2, plane_points=256), networks["geometry"], networks["painting"])
+    completed = result.complete(room, rng())
+    assert len(completed) == 4 * 256 and completed.colors is not None
+    assert result.complete(room.without_colors(), rng()).colors is None
+    assert np.array_equal(result.complete(room.without_colors(), rng()).points, completed.points)
+
+
+def test_observed_colors_are_kept_where_the_completed_point_lies_on_observed_surface(monkeypatch, networks, room):
+    placed = np.concatenate([room.points[:512] + 0.001, [[2.0, 2.0, 0.0]] * 512])
+
+    def put(network, patches, around):
+        return patches.grid.scaled(placed).astype(np.float32)
+
+    monkeypatch.setattr("pcdbench_completers.deeppcd.inference.completed", put)
+    options = DeepPCDOptions(grid=2, plane_points=256)
+    completed = DeepPCD(options, networks["geometry"], networks["painting"]).complete(room, rng())
+    assert np.array_equal(completed.colors[:512], room.colors[:512])
+    painted = completed.colors[512:]
+    assert np.ptp(painted, axis=0).max() < 0.2 and np.abs(painted - 0.5).max() < 0.3  # an untrained network is gray
+    nearest = DeepPCD(options.model_copy(update={"color": "nearest"}), networks["geometry"]).complete(room, rng())
+    assert all((color == room.colors).all(axis=1).any() for color in nearest.colors[512:520])
+
+
+def test_patches_of_pcn_and_foldingnet_know_nothing_of_each_other(networks):
+    torch.manual_seed(1)
+    points = torch.rand(3, 1024, 3)
+    chosen = torch.randint(0, 16_384, (3, 100))
+    neighbors = torch.randint(0, 1024, (3, 1024, 16))
+    with torch.no_grad():
+        both = networks["pcn"](points, chosen)[1], networks["foldingnet"](points, neighbors)
+        alone = networks["pcn"](points[:1], chosen[:1])[1], networks["foldingnet"](points[:1], neighbors[:1])
+        assert networks["pcn"](points[:1])[1].shape == (1, 16_384, 3) and both[1].shape == (3, 2025, 3)
+    for one, other in zip(both, alone, strict=True):
+        assert torch.allclose(one[:1], other, atol=1e-5)
+
+
+def test_pcn_and_foldingnet_have_their_published_layers(networks):
+    def size(*layers):
+        return sum(a * b + b for a, b in layers)
+
+    pcn = size((3, 128), (128, 256), (512, 512), (512, 1024), (1024, 1024), (1024, 1024), (1024, 3072))
+    pcn += size((1029, 512), (512, 512), (512, 3))
+    folding = size((12, 64), (64, 64), (64, 64), (64, 128), (128, 1024), (1024, 512), (512, 512))
+    folding += size((514, 512), (512, 512), (512, 3), (515, 512), (512, 512), (512, 3))
+    assert sum(value.numel() for value in networks["pcn"].parameters()) == pcn
+    assert sum(value.numel() for value in networks["foldingnet"].parameters()) == folding
+
+
+def saved(folder, **modules):
+    files = {}
+    for name, module in modules.items():
+        files[name] = folder / f"{name}.safetensors"
+        save_file({key: value.half() for key, value in module.state_dict().items()}, files[name])
+    return files
+
+
+def test_weights_of_ones_own(tmp_path, networks, room):
+    torch.manual_seed(0)
+    files = saved(tmp_path, geometry=networks["geometry"], color=ColorNetwork())
+    options = {"grid": 2, "plane_points": 256, "weights": str(files["geometry"]), "color_weights": str(files["color"])}
+    loaded = DeepPCD(DeepPCDOptions(**options))
+    assert len(loaded.weights_digest()) == 64
+    again = DeepPCDMerged(DeepPCDMergedOptions(**options))
+    assert again.weights_digest() == loaded.weights_digest()
+    one = loaded.complete(room.without_colors(), rng())
+    other = DeepPCD(DeepPCDOptions(grid=2, plane_points=256), networks["geometry"], networks["painting"])
+    assert np.abs(one.points - other.complete(room.without_colors(), rng()).points).max() < 0.02  # float16
+    geometry_alone = DeepPCD(DeepPCDOptions(**options | {"color": "nearest"}))
+    assert geometry_alone.weights_digest() != loaded.weights_digest()
+
+
+def test_weights_of_another_network_are_one_line(tmp_path, networks):
+    files = saved(tmp_path, geometry=networks["geometry"])
+    with pytest.raises(PcdbenchError, match="another network"):
+        DeepPCD(DeepPCDOptions(generator=False, color="nearest", weights=str(files["geometry"])))
+
+
+@pytest.mark.usefixtures("tiny_plugins")
+def test_missing_weights_say_how_to_train_and_all_leaves_such_completers_out(monkeypatch, tmp_path):
+    monkeypatch.setattr(deeppcd, "SHIPPED", tmp_path / "weights.safetensors")
+    with pytest.raises(PcdbenchError, match="pcdbench train deeppcd") as caught:
+        DeepPCD()
+    assert "\n" not in str(caught.value)
+    asked = Request(["all"], ["tiny_gap"], dataset="tiny", incompletenesses=["slab"])
+    planned = plan(asked)
+    assert {"deeppcd", "deeppcd_merged"} <= set(planned.left_out)
+    assert "pcdbench train deeppcd" in planned.left_out["deeppcd"]
+    assert "plane_fitting" in {plugin.name for plugin in planned.completers}
+    with pytest.raises(PcdbenchError, match="pcdbench train deeppcd"):
+        plan(replace(asked, completers=["deeppcd"]))
+
+
+def test_list_shows_that_weights_are_missing(tmp_path):
+    there = tmp_path / "there.safetensors"
+    there.touch()
+    name = {"target": "a:B", "summary": "sums", "reference": False, "origin": "here"}
+    lines = list_._lines(
+        [
+            Registration("completer", "one", **name, weights=(there, tmp_path / "absent.safetensors")),
+            Registration("completer", "two", **name, weights=(there,)),
+        ]
+    )
+    assert "weights missing" in lines[0] and "weights missing" not in lines[1]
+
+
+def test_map_coordinates_cost_nothing(networks, room):
+    offset = np.array([2.0**20, -(2.0**21), 64.0])
+    exact = PointCloud(np.round(room.points * 2**20) / 2**20)
+    completer = PCN(PatchwiseOptions(grid=2), networks["pcn"])
+    far = completer.complete(PointCloud(exact.points + offset), rng())
+    assert np.abs(far.points - offset - completer.complete(exact, rng()).points).max() < 1e-6
