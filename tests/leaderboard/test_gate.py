@@ -1,0 +1,223 @@
+"""The gate: planted regressions are found, and a change that changes nothing passes, every time."""
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from runs_for_tests import full_row, store_run
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.building import board_of_runs
+from pcdbench.leaderboard.gate import Finding, Verdict, check
+from pcdbench.leaderboard.gate_report import verdict_junit, verdict_markdown, verdict_text
+from pcdbench.plugins import registry
+from pcdbench.runner.completions import CompletionCache
+from pcdbench.runner.execute import Executor
+from pcdbench.runner.plan import Request, plan
+from pcdbench.runner.run import carry_out
+
+TINY = Path(__file__).parents[1] / "tiny"
+CHANGING = Path(__file__).parents[1] / "changing"
+REQUEST = Request(
+    ["changing_fill"], ["changing_gap", "changing_voxels"], "tiny", None, ["slab"], [0.3], options=["tiny.scenes=8"]
+)
+
+
+class InThisProcess:
+    """Runs cells here and now, without a cache."""
+
+    workers = 1
+
+    def run(self, jobs, dataset):
+        executor = Executor(dataset, CompletionCache(limit_mb=0))
+        for job in jobs:
+            yield job, executor.rows(job.cell, job.tasks)
+
+
+@pytest.fixture
+def measure(tmp_path, monkeypatch):
+    """A function that measures the board anew, with something planted."""
+    for folder in (TINY, CHANGING):
+        monkeypatch.syspath_prepend(folder)
+    monkeypatch.setattr("pcdbench.runner.run.calibration_seconds", lambda: 1.0)
+    monkeypatch.setattr("pcdbench.runner.run.provenance", dict)
+    monkeypatch.setattr("os.fsync", lambda descriptor: None)
+    registry.cache_clear()
+    import changing_plugins
+
+    count = iter(range(1000))
+
+    def measured(request=REQUEST, **planted):
+        monkeypatch.setattr(changing_plugins, "planted", changing_plugins.Planted(**planted))
+        folder = tmp_path / str(next(count))
+        carry_out(plan(request), folder, InThisProcess())
+        return board_of_runs("board", [folder])
+
+    yield measured
+    registry.cache_clear()
+    sys.modules.pop("changing_plugins", None)
+
+
+def kinds(verdict):
+    return {(its.kind, its.completer, its.task) for its in verdict.findings}
+
+
+def test_a_null_change_passes_twenty_times_out_of_twenty(measure):
+    committed = measure()
+    for number in range(20):
+        verdict = check(committed, measure(seconds=0.007 + 0.0005 * number))
+        assert verdict.holds and not verdict.findings, verdict_text(verdict)
+        assert verdict.cases == 8 and len(verdict.compared) == 8
+
+
+def test_a_completer_that_drops_two_percent_of_its_points_is_worse(measure):
+    verdict = check(measure(), measure(drop=0.02))
+    assert not verdict.holds
+    assert ("worse", "changing_fill", "changing_gap") in kinds(verdict)
+    assert {its.completer for its in verdict.findings} == {"changing_fill"}
+
+
+def test_what_was_worse_gets_better(measure):
+    verdict = check(measure(drop=0.02), measure())
+    assert verdict.holds and ("better", "changing_fill", "changing_gap") in kinds(verdict)
+
+
+def test_a_task_whose_voxel_changed_is_no_result_of_completers(measure):
+    verdict = check(measure(), measure(voxel_m=0.3))
+    assert not verdict.holds
+    assert kinds(verdict) >= {("changed", "incomplete", "changing_voxels")}
+    assert {its.task for its in verdict.findings} == {"changing_voxels"}
+    assert {its.kind for its in verdict.findings} == {"changed"}, "completers are not blamed for it"
+
+
+def test_a_completer_three_times_slower_is_slower_and_nothing_else(measure):
+    verdict = check(measure(seconds=0.01), measure(seconds=0.03))
+    assert kinds(verdict) == {("slower", "changing_fill", "")}
+    assert check(measure(seconds=0.03), measure(seconds=0.01)).holds
+
+
+def test_other_draws_of_the_same_completer_are_no_regression(measure):
+    committed = measure(noise=True)
+    assert sum(check(committed, measure(noise=True)).holds for _ in range(5)) == 5
+
+
+def test_a_task_or_data_set_of_another_version_asks_for_a_new_board(measure, monkeypatch):
+    import changing_plugins
+
+    committed = measure()
+    monkeypatch.setattr(changing_plugins.Voxels, "version", "2")
+    verdict = check(committed, measure())
+    assert kinds(verdict) == {("changed", "", "changing_voxels")}
+    assert "version 2, the board's is version 1; build the board again" in verdict_text(verdict)
+    other_data = replace(REQUEST, options=["tiny.scenes=8", "tiny.points=299"])
+    monkeypatch.setattr(changing_plugins.Voxels, "version", "1")
+    verdict = check(committed, measure(other_data))
+    assert kinds(verdict) == {("changed", "", "")} and "points=299" in verdict_text(verdict)
+
+
+@contextmanager
+def raised(text: str) -> Iterator[None]:
+    with pytest.raises(PcdbenchError, match=text):
+        yield
+
+
+def rows(completer="a", value=1.0, count=6, **more):
+    return [full_row(completer, [value * (1 + number)], scene=f"room{number}", **more) for number in range(count)]
+
+
+def board(tmp_path, its, **more):
+    return board_of_runs("board", [store_run(tmp_path, its, **more)])
+
+
+def test_a_case_that_fails_now_is_a_regression_and_one_that_is_mended_is_not(tmp_path):
+    fine, broken = rows(), [*rows()[:5], full_row("a", scene="room5", status="timeout", error="600 s")]
+    good, bad = board(tmp_path / "good", fine), board(tmp_path / "bad", broken)
+    verdict = check(good, bad)
+    assert kinds(verdict) == {("failed", "a", "task")}
+    assert "task of a: 1 of 6 cases timeout: room5: 600 s" in verdict_text(verdict)
+    assert kinds(check(bad, good)) == {("repaired", "a", "task")} and check(bad, good).holds
+
+
+def test_time_is_a_ratio_to_the_calibration_job(tmp_path):
+    committed = board(tmp_path / "one", rows(seconds=1.0), calibration=1.0)
+    slow_machine = board(tmp_path / "two", rows(seconds=4.0), calibration=4.0)
+    assert check(committed, slow_machine).findings == ()
+    assert kinds(check(committed, board(tmp_path / "three", rows(seconds=4.0), calibration=1.0))) == {
+        ("slower", "a", "")
+    }
+    unknown = check(committed, board(tmp_path / "four", rows(seconds=4.0), calibration=None))
+    assert unknown.holds and "a has no times to compare" in verdict_text(unknown)
+
+
+def test_a_raised_version_is_compared_and_so_are_other_options_of_the_only_one(tmp_path):
+    committed = board(tmp_path / "one", rows())
+    assert check(committed, board(tmp_path / "two", rows(version="2"))).compared == (("a", "task"),)
+    verdict = check(committed, board(tmp_path / "three", rows(value=1.5, options={"x": 1})))
+    assert kinds(verdict) == {("worse", "a", "task"), ("note", "a", "")}
+
+
+def test_higher_is_better_where_it_is(tmp_path):
+    committed = board(tmp_path / "one", rows(direction="higher"))
+    assert kinds(check(committed, board(tmp_path / "two", rows(value=0.9, direction="higher")))) == {
+        ("worse", "a", "task")
+    }
+
+
+def test_what_is_on_one_board_alone_is_told(tmp_path):
+    verdict = check(board(tmp_path / "one", rows() + rows("b")), board(tmp_path / "two", rows() + rows("c")))
+    assert verdict.holds
+    assert {its.told for its in verdict.findings} == {"b is on the board and was not run", "c is not on the board"}
+
+
+def test_too_few_common_cases_are_an_error(tmp_path):
+    with raised("has 3 cases of the board board, and a check needs 4"):
+        check(board(tmp_path / "one", rows()), board(tmp_path / "two", rows(count=3)))
+
+
+def test_changes_too_small_to_matter_and_those_of_one_case_in_many_are_none(tmp_path):
+    committed = board(tmp_path / "one", rows(count=12))
+    assert check(committed, board(tmp_path / "two", rows(value=1.0005, count=12))).holds
+    spoiled = rows(count=12)
+    spoiled[3] = full_row("a", [4.5], scene="room3")
+    assert check(committed, board(tmp_path / "three", spoiled)).holds
+
+
+def test_seldom_a_false_alarm_over_many_metrics(tmp_path):
+    rng = np.random.default_rng(0)
+    values = rng.gamma(2.0, size=(10, 12))
+
+    def noisy(folder):
+        its = [
+            full_row(f"c{number}", [value * rng.lognormal(0, 0.2)], scene=f"room{scene}")
+            for number, of in enumerate(values)
+            for scene, value in enumerate(of)
+        ]
+        return board(tmp_path / folder, its)
+
+    committed = noisy("committed")
+    alarms = [not check(committed, noisy(f"run{number}")).holds for number in range(20)]
+    assert sum(alarms) <= 1, "of 20 checks of 10 completers each; 0.2 are meant"
+
+
+def test_the_reports_say_the_same():
+    findings = (
+        Finding("worse", "a<b>", "ssim", "ssim of a<b>: worse | by *3 %*"),
+        Finding("slower", "a<b>", "", "a<b> takes 3 times"),
+        Finding("better", "c", "ssim", "c is better"),
+    )
+    verdict = Verdict("rooms", 6, (("a<b>", "ssim"), ("a<b>", "chamfer"), ("c", "ssim")), findings)
+    text, page = verdict_text(verdict), verdict_markdown(verdict)
+    assert text.splitlines()[0].startswith("worse: ssim of a<b>") and "2 regressions" in text.splitlines()[-1]
+    assert "❌" in page and "**Worse**\n\n- ssim of a&lt;b&gt;: worse \\| by \\*3 %\\*" in page and "**Better**" in page
+    suite = ElementTree.fromstring(verdict_junit(verdict).partition("\n")[2])
+    cases = {(its.get("classname"), its.get("name")): its.find("failure") for its in suite}
+    assert (suite.get("tests"), suite.get("failures"), len(cases)) == ("5", "2", 5)
+    assert cases["rooms.a<b>", "ssim"].get("message") == findings[0].told
+    assert cases["rooms.a<b>", "time"].get("type") == "slower" and cases["rooms.c", "ssim"] is None
+    holds = replace(verdict, findings=findings[2:])
+    assert holds.holds and "✅" in verdict_markdown(holds) and 'failures="0"' in verdict_junit(holds)
