@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 if TYPE_CHECKING:
+    from pcdbench.runner.jobs import CellExecutor, Limits
     from pcdbench.runner.plan import Plan, Request
     from pcdbench.runner.run import Run
 
@@ -50,6 +52,10 @@ def run(
     timeout: Annotated[float, typer.Option(help="Seconds for making, completing or evaluating a case.")] = 600.0,
     memory_limit: Annotated[float | None, typer.Option(help="GB a worker may hold, else no limit.")] = None,
     retries: Annotated[int, typer.Option(help="How often a step is tried again whose worker died.")] = 1,
+    executor: Annotated[Literal["local", "dask"], typer.Option(help="Where cells run.")] = "local",
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, else Dask starts workers on this machine.")
+    ] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
     ] = None,
@@ -64,28 +70,47 @@ def run(
     """
     from pcdbench.runner.jobs import Limits
     from pcdbench.runner.plan import plan
-    from pcdbench.runner.run import carry_out, local_processes
+    from pcdbench.runner.run import carry_out
 
-    executor = local_processes(jobs, Limits(timeout, memory_limit, retries))
+    limits = Limits(timeout, memory_limit, retries)
     asked = _requests(suite, completer, task, dataset, split, incompleteness, level, seed, option or ())
     plans = [plan(request) for request in asked]
     failed = 0
-    for number, planned in enumerate(plans, start=1):
-        folder = out if out is None or len(plans) == 1 else out / str(number)
-        for name, reason in planned.left_out.items():
-            typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
-        try:
-            ended = carry_out(planned, folder, executor)
-        except KeyboardInterrupt:
-            typer.echo(
-                "pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True
-            )
-            raise typer.Exit(130) from None
-        failed += len(ended.failed)
-        _show(planned, ended, format, figures)
+    with _place_for_cells(executor, scheduler, jobs, limits) as place:
+        for number, planned in enumerate(plans, start=1):
+            folder = out if out is None or len(plans) == 1 else out / str(number)
+            for name, reason in planned.left_out.items():
+                typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
+            try:
+                ended = carry_out(planned, folder, place)
+            except KeyboardInterrupt:
+                typer.echo(
+                    "pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True
+                )
+                raise typer.Exit(130) from None
+            failed += len(ended.failed)
+            _show(planned, ended, format, figures)
     if failed:
         typer.echo(f"pcdbench: {failed} rows failed; the same command tries them again", err=True)
         raise typer.Exit(3)
+
+
+def _place_for_cells(
+    executor: str, scheduler: str | None, jobs: int | None, limits: Limits
+) -> AbstractContextManager[CellExecutor]:
+    """Where cells run while its `with` block lasts."""
+    from pcdbench.errors import PcdbenchError
+    from pcdbench.runner.run import local_processes
+
+    if executor == "local":
+        if scheduler is not None:
+            raise PcdbenchError("--scheduler needs --executor dask")
+        return nullcontext(local_processes(jobs, limits))
+    from pcdbench.runner.cluster import dask_cluster
+
+    if scheduler is not None and jobs is not None:
+        raise PcdbenchError("--jobs does not go with --scheduler: the cluster has the workers that it has")
+    return dask_cluster(scheduler, jobs, limits)
 
 
 def _requests(

@@ -6,6 +6,7 @@ import contextlib
 import shlex
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ class Run:
 
     plan: Plan
     folder: Path
-    rows: list[Row]
+    rows: Sequence[Row]
     new_cells: int
 
     @property

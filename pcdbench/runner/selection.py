@@ -105,7 +105,7 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         version=str(cls.version),
         options=_options(name, cls.Options, options).model_dump(mode="json"),
         reference=registration.reference,
-        code=_code_digest(cls),
+        code=code_digest(cls),
         path=path,
         has_levels=getattr(cls, "has_levels", True),
     )
@@ -181,7 +181,8 @@ def _with_weights(plugin: Plugin, cls: Any) -> Plugin:
         ) from error
 
 
-def _code_digest(cls: type) -> str:
+def code_digest(cls: type) -> str:
+    """Digest of the file that a class is in, or of its name where it has none."""
     try:
         return file_digest(Path(inspect.getfile(cls)))
     except (OSError, TypeError):

@@ -16,6 +16,7 @@ from filelock import FileLock, Timeout
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import digest
 from pcdbench.runner.rows import SCHEMA_VERSION, Row
+from pcdbench.runner.stored_rows import StoredRows
 
 ROWS = "rows.jsonl"
 RUN = "run.json"
@@ -93,7 +94,7 @@ class RunStore:
 
     def finished_keys(self) -> set[str]:
         """Keys of the rows that need not run again: those measured, and those skipped for a reason."""
-        return {row["key"] for row in read_rows(self.folder) if row["status"] in ("ok", "skipped")}
+        return read_rows(self.folder).finished_keys
 
     def _claim(self) -> None:
         path = self.folder / RUN
@@ -136,27 +137,14 @@ def read_run(folder: Path) -> dict[str, Any]:
     return content
 
 
-def read_rows(folder: Path) -> list[Row]:
+def read_rows(folder: Path) -> StoredRows:
     """The rows of a run, in the order of their first appearance; of two with one key the newest counts.
 
     Raises:
         PcdbenchError: where a line is damaged. A last line without its end is a write that was cut off:
             it is left out.
     """
-    path = folder / ROWS
-    if not path.exists():
-        return []
-    newest: dict[str, Row] = {}
-    with path.open("rb") as stream:
-        for number, line in enumerate(stream, start=1):
-            if not line.endswith(b"\n"):
-                break
-            try:
-                row = json.loads(line)
-                newest[row["key"]] = row
-            except (ValueError, KeyError, TypeError, RecursionError):
-                raise PcdbenchError(f"{path}, line {number}, is damaged; delete that line and run again") from None
-    return list(newest.values())
+    return StoredRows(folder / ROWS)
 
 
 def write_text(path: Path, text: str) -> None:
