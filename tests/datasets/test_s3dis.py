@@ -116,6 +116,22 @@ def test_lines_that_cannot_be_mended_are_dropped_and_told(tree, line):
     assert len(opened(tree).scene("area1-office_1").dense) == 840
 
 
+@pytest.mark.parametrize(
+    ("line", "row"),
+    [
+        (b"4,938 4.000 0.021 136 128 120", [4.938, 4, 0.021, 136, 128, 120]),
+        (b"4.938,4.000 0.021 136 128 120", [4.938, 4, 0.021, 136, 128, 120]),
+        (b"4,938 4.0\x1000 0.021 136 128 120", [4.938, 4, 0.021, 136, 128, 120]),
+    ],
+)
+def test_a_comma_makes_no_thousand_metres_of_one(tmp_path, line, row):
+    path = tmp_path / "room.txt"
+    path.write_bytes(b"1.0 2.0 0.5 1 2 3\n" + line + b"\n")
+    rows, findings = read_rows(path, "room.txt")
+    np.testing.assert_array_equal(rows, [[1, 2, 0.5, 1, 2, 3], row])
+    assert len(findings) == 1 and str(findings[0]).startswith("room.txt:2: a comma in ")
+
+
 def test_many_bad_lines_are_summed_up(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text(text(part([0] * 3, [1] * 3, 20)) + "nan nan nan 0 0 0\n" * 30)

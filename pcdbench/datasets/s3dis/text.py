@@ -24,8 +24,8 @@ _TOLD = 5
 def read_rows(path: Path, shown: str) -> tuple[NDArray[np.float64], list[Finding]]:
     """The rows of a file, (N, 6), or (N, 3) where it has no colours, and what was wrong with it.
 
-    Bytes that belong to no number are taken out of a line, or stand for a blank where the line has too few numbers
-    otherwise; a line that still does not hold its numbers, all finite, is dropped.
+    Commas are read as decimal points. Bytes that belong to no number are taken out of a line, or stand for a blank
+    where the line has too few numbers otherwise; a line that still does not hold its numbers, all finite, is dropped.
 
     Args:
         shown: what findings call the file.
@@ -56,7 +56,10 @@ def read_rows(path: Path, shown: str) -> tuple[NDArray[np.float64], list[Finding
                 mended.append((number, line))
     rows = _parsed(b"\n".join(kept)) if kept else None
     findings = [
-        *_told(shown, mended, "a stray byte in {}", "taken out"),
+        *_told(shown, [its for its in mended if b"," not in its[1]], "a stray byte in {}", "taken out"),
+        *_told(
+            shown, [its for its in mended if b"," in its[1]], "a comma in {}", "read as a decimal point, or a blank"
+        ),
         *_told(shown, dropped, f"no {columns} finite numbers in {{}}", "the line is dropped"),
     ]
     return np.empty((0, columns)) if rows is None else rows, findings
@@ -79,8 +82,9 @@ def _parsed(data: bytes) -> NDArray[np.float64] | None:
 
 def _repaired(line: bytes, columns: int) -> bytes | None:
     """The line with its stray bytes taken out, or made blanks; None where neither gives the numbers it should hold."""
-    for substitute in (b"", b" "):
-        words = _STRAY.sub(substitute, line.rstrip(b"\r")).split()
+    # Taken out, a decimal comma would make a thousand metres of one.
+    with_points = line.rstrip(b"\r").replace(b",", b".")
+    for words in (_STRAY.sub(b"", with_points).split(), _STRAY.sub(b" ", line.rstrip(b"\r")).split()):
         # Text that spells a number (nan, inf) is no stray byte.
         if re.search(rb"nan|inf", line, re.IGNORECASE) or len(words) != columns:
             continue
