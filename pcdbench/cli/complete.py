@@ -35,7 +35,7 @@ def complete(
     from pcdbench.cloud import PointCloud
     from pcdbench.completion import complete as completed_of
     from pcdbench.completion.progress import TileProgress
-    from pcdbench.errors import PcdbenchError
+    from pcdbench.errors import CloudError, PcdbenchError
     from pcdbench.formats import carries_fields
     from pcdbench.runner.selection import option_targets, parse_options, select
 
@@ -49,18 +49,21 @@ def complete(
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = lambda message, *_: typer.echo(f"pcdbench: {message}", err=True)
         cloud = PointCloud.read(scan)
-        with TileProgress() as progress:
-            completed = completed_of(
-                cloud,
-                completer,
-                options=options.get(completer, {}),
-                up=up,
-                tile_m=tile_m,
-                runs=runs,
-                jobs=jobs,
-                seed=seed,
-                progress=progress.done,
-            )
+        try:
+            with TileProgress() as progress:
+                completed = completed_of(
+                    cloud,
+                    completer,
+                    options=options.get(completer, {}),
+                    up=up,
+                    tile_m=tile_m,
+                    runs=runs,
+                    jobs=jobs,
+                    seed=seed,
+                    progress=progress.done,
+                )
+        except CloudError as error:
+            raise CloudError(f"{scan}: {error}") from error
     added = int(completed.added.sum())
     if added_only and not added:
         raise PcdbenchError(f"{completer} added nothing to {scan}; {out} is not written")

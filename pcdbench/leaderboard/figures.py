@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pcdbench.paths import file_name
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor, Failure
 from pcdbench.runner.plan import Cell, Plan
@@ -46,7 +47,7 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
             clouds.append((cell.completer.name, executor.completion(cell, case)[0].cloud))
         except Failure:
             continue
-    path = folder / f"case_{first.scene}_{case.level:.3g}.png"
+    path = folder / f"case_{file_name(first.scene)}_{case.level:.3g}.png"
     title = f"{first.scene}: {case.level:.0%} missing ({first.incompleteness.name})"
     write_picture(path, clouds, title, case.scene.complete)
     return path
@@ -63,7 +64,7 @@ def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
         try:
             for name, figure in figures_of(plugin, rows).items():
                 folder.mkdir(parents=True, exist_ok=True)
-                path = folder / f"{plugin.name}_{name}.png"
+                path = folder / f"{plugin.name}_{file_name(name)}.png"
                 figure.savefig(path, dpi=130)
                 written.append(path)
         except Exception as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -83,8 +83,8 @@ def read_figures(folder: str | Path) -> Figures:
     tasks = {row["task"]["name"]: row["task"] for row in rows}
     found: dict[str, Figure] = {}
     for name, task in tasks.items():
-        plugin = Plugin("task", name, task["version"], task["options"])
         try:
+            plugin = Plugin("task", name, task["version"], task["options"])
             found |= {f"{name}_{its}": figure for its, figure in figures_of(plugin, rows).items()}
         except PcdbenchError:
             raise
@@ -94,7 +94,7 @@ def read_figures(folder: str | Path) -> Figures:
     return Figures(found)
 
 
-def rows_of_run(folder: Path) -> list[Row]:
+def rows_of_run(folder: Path) -> Sequence[Row]:
     """All rows of a run.
 
     Raises:

@@ -50,14 +50,15 @@ def load_checkpoint(
             progress = json.loads((stored.metadata() or {}).get("progress", ""))
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - not a mapping
         network.load_state_dict(_under("network/", tensors))
-    except (OSError, SafetensorError, ValueError, RuntimeError) as error:
-        raise PcdbenchError(f"{path} is not a checkpoint of this network ({error}); train without --resume") from error
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in _under("optimizer/", tensors).items():
+            index, _, key = name.partition("/")
+            state.setdefault(int(index), {})[key] = value
+        optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
+    except (OSError, SafetensorError, ValueError, RuntimeError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise PcdbenchError(f"{path} is not a checkpoint of this network ({reason}); train without --resume") from error
     average.update(_under("average/", tensors))
-    state: dict[int, dict[str, Tensor]] = {}
-    for name, value in _under("optimizer/", tensors).items():
-        index, _, key = name.partition("/")
-        state.setdefault(int(index), {})[key] = value
-    optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     return progress
 
 

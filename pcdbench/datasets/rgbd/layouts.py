@@ -212,7 +212,10 @@ def _opencv_calibration(path: Path) -> tuple[Camera, Pose]:
 
     def data(name: str) -> NDArray[np.float64] | None:
         found = re.search(rf"^\s*{name}\s*:.*?data\s*:\s*\[(.*?)\]", text, re.DOTALL | re.MULTILINE)
-        return None if found is None else np.array([float(word) for word in re.split(r"[,\s]+", found[1].strip())])
+        try:
+            return None if found is None else np.array(re.split(r"[,\s]+", found[1].strip()), np.float64)
+        except ValueError:
+            raise CloudError(f"{path}: its {name} are not numbers; export the images again") from None
 
     def whole(name: str) -> int | None:
         found = re.search(rf"^\s*{name}\s*:\s*(\d+)", text, re.MULTILINE)
