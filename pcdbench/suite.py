@@ -167,7 +167,8 @@ def _told(path: Path, text: str, error: ValidationError) -> str:
         cure = did_you_mean(names[-1], _fields(names[:-1]))
         return f"{at}: a suite has no {shown!r}; {cure}"
     if problem["type"] == "missing":
-        return f"{path}: it has no {shown!r}; add it (see docs/leaderboards.md)"
+        line = _line(text, names[:-1], None)
+        return f"{path}{f', line {line}' if line else ''}: it has no {shown!r}; add it (see docs/leaderboards.md)"
     return f"{at}: {shown}: {problem['msg'][0].lower()}{problem['msg'][1:]}, not {problem['input']!r}"
 
 
