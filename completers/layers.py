@@ -61,15 +61,22 @@ class SplitLinear(nn.Linear):
         self.point = point
 
     def forward(self, points: Tensor, shared: Tensor) -> Tensor:  # type: ignore[override]
-        """(P, K, point) and (P, shared) to (P, K, out).
-
-        Coordinates, which are what few inputs there are, keep their float32 whatever the precision around them.
-        """
+        """(P, K, point) and (P, shared) to (P, K, out)."""
+        if self.point <= FEW:
+            return moved_by(points, self.own(shared))
         once = F.linear(shared, self.weight[:, self.point :], self.bias)
-        weight = self.weight[:, : self.point]
-        if self.point > FEW:
-            return F.linear(points, weight) + once[:, None]
-        with torch.autocast(points.device.type, enabled=False):
-            # One product with a patch's own matrix [W_x | W_f f + b] writes the sum in a single pass.
-            own = torch.cat([weight.t().expand(len(once), -1, -1), once.float()[:, None]], dim=1)
-            return torch.bmm(F.pad(points, (0, 1), value=1.0), own)
+        return F.linear(points, self.weight[:, : self.point]) + once[:, None]
+
+    def own(self, shared: Tensor) -> Tensor:
+        """(P, point + 1, out) float32: each patch's own matrix, [W_x | W_f f + b] transposed."""
+        once = F.linear(shared, self.weight[:, self.point :], self.bias).float()
+        return torch.cat([self.weight[:, : self.point].t().expand(len(once), -1, -1), once[:, None]], dim=1)
+
+
+def moved_by(points: Tensor, own: Tensor) -> Tensor:
+    """(P, K, C) coordinates through (P, C + 1, out) matrices of their patches: (P, K, out).
+
+    One product writes the sum in a single pass. Coordinates keep their float32 whatever the precision around them.
+    """
+    with torch.autocast(points.device.type, enabled=False):
+        return torch.bmm(F.pad(points, (0, 1), value=1.0), own)

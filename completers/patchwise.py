@@ -18,7 +18,8 @@ from .local_surface import surface_spacing
 from .patches import Patches
 
 NEIGHBORS = 10
-JITTERS = 4  # candidates a point of the network's: what blue noise chooses from
+JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
+MOST_REACH = 3.0
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
 DARTS_PER_SPACING = 0.74
 
@@ -97,13 +98,16 @@ def merged(
     away = np.flatnonzero(distances > clearance_spacings * spacing_m)
     if not len(away) or spacing_m == 0.0:
         return cloud
+    # Sparser finds need more candidates, and farther about.
+    reach = float(np.clip(surface_spacing(points) / spacing_m, 1.0, MOST_REACH))
     points = points[away]
     support = np.concatenate([points, observed])
     _, index = cKDTree(support).query(points, k=NEIGHBORS, workers=thread_count())
     center = support[index].mean(axis=1)
     spread = support[index] - center[:, None]
     normals = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
-    candidates = points + spacing_m * rng.uniform(-0.5, 0.5, (JITTERS, *points.shape))
+    jitters = round(JITTERS * reach**2)
+    candidates = points + reach * spacing_m * rng.uniform(-0.5, 0.5, (jitters, *points.shape))
     heights = np.einsum("jni,ni->jn", candidates - center, normals)
     candidates = (candidates - heights[..., None] * normals).reshape(-1, 3)
     everything = np.concatenate([observed, candidates])

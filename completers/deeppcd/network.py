@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..layers import SharedMLP, SplitLinear
+from ..layers import SharedMLP, SplitLinear, moved_by
 from .encoder import Neighbors, PatchEncoder
 
 FEATURE = 768
@@ -172,7 +172,7 @@ class Displacement(nn.Module):
         """(P, K, 3) float32 displacements in (-1, 1) of (P, K, 3) points with their (P, 768) features."""
         moved = []
         # A few patches at a time stay in the processor's cache from layer to layer.
-        for some, of_them in zip(points.split(TOGETHER), feature.split(TOGETHER), strict=True):
-            x = F.relu_(self.first(some, of_them))
+        for some, own in zip(points.split(TOGETHER), self.first.own(feature).split(TOGETHER), strict=True):
+            x = F.relu_(moved_by(some, own))
             moved.append(torch.tanh(self.rest(self.norm(self.second(x))).float()))
         return torch.cat(moved)

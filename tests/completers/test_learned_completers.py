@@ -16,10 +16,11 @@ from pcdbench_completers.patchwise import PatchwiseOptions, merged
 from pcdbench_completers.pcn.completer import PCN
 from pcdbench_completers.pcn.network import PCNNetwork
 from safetensors.torch import save_file
+from typer.testing import CliRunner
 
 from pcdbench import PcdbenchError, PointCloud
-from pcdbench.cli import list_
-from pcdbench.plugins import Registration
+from pcdbench.cli import app, list_
+from pcdbench.plugins import Registration, load_target
 from pcdbench.runner.plan import Request, plan
 from pcdbench.testing import check_completer
 
@@ -69,8 +70,8 @@ def test_every_observed_point_is_kept_and_gaps_are_filled_at_the_observed_densit
         assert np.array_equal(result.points[: len(room)], room.points)
         assert np.array_equal(result.colors[: len(room)], room.colors)
         added = result.points[len(room) :]
-        missing = len(whole) - len(room)
-        assert 0.6 * missing < len(added) < 1.2 * missing
+        middle, filled = (np.linalg.norm(points - hole, axis=1) < 0.6 for points in (whole.points, added))
+        assert 0.7 * middle.sum() < filled.sum() < 1.1 * middle.sum()
         assert (np.linalg.norm(added - hole, axis=1) < 1.0).all() and np.abs(added[:, 2]).max() < 0.05
 
 
@@ -182,6 +183,24 @@ def test_list_shows_that_weights_are_missing(tmp_path):
         ]
     )
     assert "weights missing" in lines[0] and "weights missing" not in lines[1]
+
+
+def test_missing_weights_of_a_part_name_the_options_they_are_given_by(monkeypatch, tmp_path, networks):
+    monkeypatch.setattr(deeppcd, "SHIPPED_COLOR", tmp_path / "color.safetensors")
+    with pytest.raises(PcdbenchError, match=r"train deeppcd\.color .*--option deeppcd\.color_weights=DIR"):
+        DeepPCD(network=networks["geometry"])
+
+
+@pytest.mark.parametrize("completer", [DeepPCD, DeepPCDMerged, PCN, FoldingNet])
+def test_trainees_are_where_completers_say(completer):
+    trainee = load_target(completer.trainee)()
+    assert "default" in trainee.presets and "published" in trainee.presets
+
+
+def test_a_part_is_trained_by_its_name_and_another_is_refused(tmp_path):
+    assert "default" in load_target(DeepPCD.color_trainee)().presets
+    refused = CliRunner().invoke(app, ["train", "deeppcd.shape", "--steps", "1", "--out", str(tmp_path / "out")])
+    assert isinstance(refused.exception, PcdbenchError) and "deeppcd.shape learns nothing" in str(refused.exception)
 
 
 def test_map_coordinates_cost_nothing(networks, room):
