@@ -99,7 +99,7 @@ def requests(suite: Suite, folder: Path, *, dataset: str | None = None) -> list[
         PcdbenchError: where the data set's path holds a variable that is not set.
     """
     place = _dataset(suite.dataset, folder) if dataset is None else dataset
-    common = [suite.dataset] if place.partition(":")[0] == suite.dataset.name else []
+    common: list[Entry] = [suite.dataset] if place.partition(":")[0] == suite.dataset.name else []
     common += [*suite.incompletenesses, *suite.tasks]
     found = []
     for seed in suite.seeds:
