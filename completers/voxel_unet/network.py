@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+
 import torch
 from torch import Tensor, nn
+from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from .grid import CHANNELS
 
@@ -57,6 +60,27 @@ class VoxelUNet(nn.Module):
             x = self.up[level](torch.cat([x, skip], dim=1))
         x = split_voxels(self.head(x))
         return torch.cat([x[:, :1], torch.tanh(x[:, 1:4]) / 2, torch.sigmoid(x[:, 4:])], dim=1)
+
+
+class OneDnnConv(nn.Conv3d):
+    """A convolution that runs in oneDNN whatever its size; torch leaves small single inputs to a far slower kernel."""
+
+    def forward(self, x: Tensor) -> Tensor:
+        return torch.mkldnn_convolution(x, self.weight, self.bias, self.padding, self.stride, self.dilation, self.groups)
+
+
+def for_inference(network: VoxelUNet) -> VoxelUNet:
+    """A copy with the same outputs (to rounding) that answers in half the time on a CPU, and is not to be trained."""
+    network = copy.deepcopy(network).eval()
+    for block in (*network.down, *network.up):
+        for at in (0, 3):
+            block[at] = fuse_conv_bn_eval(block[at], block[at + 1])
+            block[at + 1], block[at + 2] = nn.Identity(), nn.SiLU(inplace=True)
+    if torch.backends.mkldnn.is_available():
+        for module in network.modules():
+            if type(module) is nn.Conv3d:
+                module.__class__ = OneDnnConv
+    return network
 
 
 def split_voxels(x: Tensor) -> Tensor:

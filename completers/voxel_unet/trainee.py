@@ -37,6 +37,7 @@ class VoxelUNetTrainee(Trainee):
         return VoxelUNet(self._widths)
 
     def completer(self, network: nn.Module) -> Completer:
+        assert isinstance(network, VoxelUNet)
         return VoxelUNetCompleter(network=network, voxel_spacings=self._voxel_spacings)
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:

@@ -1,0 +1,155 @@
+"""Measures voxel_unet: what its threshold trades, whether its confidence is calibrated, what a cloud costs.
+
+`python docs/measure_voxel_unet.py [ROOMS [FOLDER]]`: so many rooms of the split `val` (12 unless given), and the scans
+of a folder for the reliability diagram alone. Prints the tables of docs/completers/voxel_unet.md and draws its two
+figures. About five minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from pcdbench import PointCloud
+from pcdbench.case import Case, make_case
+from pcdbench.dataset import Dataset
+from pcdbench.datasets.clouds import Clouds
+from pcdbench.datasets.synthetic import Indoor
+from pcdbench.geometry.chamfer import CloudDistances
+from pcdbench.incompletenesses.holes import Holes
+from pcdbench_completers.local_surface import surface_spacing
+from pcdbench_completers.voxel_unet.completer import UNOBSERVED, VOXEL_SPACINGS, VoxelUNetCompleter
+from pcdbench_completers.voxel_unet.grid import Grid
+from pcdbench_completers.voxel_unet.tiles import predict
+
+IMAGES = Path(__file__).parent / "images"
+THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+LEVELS = (0.1, 0.3, 0.5)
+BINS = 10
+LOWEST = 0.05  # sub-voxels less likely than this are empty space far from anything, and perfectly predicted
+MIN_POINTS = 8000
+
+
+def cases(dataset: Dataset, names: list[str], level: float) -> list[Case]:
+    scenes = [dataset.scene(name) for name in names]
+    return [make_case(scene, "holes", Holes(), level, 1) for scene in scenes if len(scene.complete) >= MIN_POINTS]
+
+
+def capped(points: NDArray[np.float64], most: int) -> NDArray[np.float64]:
+    return points if len(points) <= most else np.random.default_rng(0).permutation(points)[:most]
+
+
+def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np.float64]]:
+    """By threshold, (3 levels, 3): medians of ChD over doing nothing, precision and recall of what is missing."""
+    table = {}
+    for threshold in THRESHOLDS:
+        completer = VoxelUNetCompleter(VoxelUNetCompleter.Options(threshold=threshold))
+        levels = []
+        for level in LEVELS:
+            figures = []
+            for case in measured[level]:
+                complete, given = case.scene.complete.points, case.cloud.points
+                completed = completer.complete(case.cloud, np.random.default_rng(0)).points
+                added, missing = completed[len(given) :], complete[~case.kept]
+                floor = CloudDistances.between(given, complete).chamfer()
+                ratio = CloudDistances.between(capped(completed, len(complete)), complete).chamfer() / floor
+                near_m = 1.5 * surface_spacing(complete)
+                right = cKDTree(case.scene.dense.points).query(added)[0] < near_m if len(added) else np.ones(1)
+                found = cKDTree(completed).query(missing)[0] < near_m
+                figures.append((ratio, right.mean(), found.mean()))
+            levels.append(np.median(figures, axis=0))
+        table[threshold] = np.array(levels)
+        cells = " | ".join(" / ".join(f"{value:.2f}" for value in table[threshold][:, k]) for k in range(3))
+        print(f"| {threshold:g} | {cells} |", flush=True)
+    return table
+
+
+def reliability(measured: list[Case]) -> tuple[NDArray, NDArray, NDArray, float]:
+    """By bin: mean probability, share occupied, count; and the expected calibration error. Unobserved sub-voxels."""
+    completer: Any = VoxelUNetCompleter()
+    sums = np.zeros((3, BINS))
+    for case in measured:
+        cloud = case.cloud
+        spacing_m = surface_spacing(cloud.points)
+        grid = Grid.around(cloud.points, VOXEL_SPACINGS * spacing_m)
+        found = predict(completer._network, cloud, grid, LOWEST)
+        away, _ = cKDTree(cloud.points).query(found.points, distance_upper_bound=UNOBSERVED * spacing_m)
+        found = found.select(np.isinf(away))
+        dense = case.scene.dense.points
+        occupied = np.unique(grid.cells(dense[grid.holds(dense)], per_edge=2)[0])
+        hit = np.isin(grid.cells(found.points, per_edge=2)[0], occupied)
+        which = np.minimum((found.probability * BINS).astype(int), BINS - 1)
+        sums += [np.bincount(which, weight, BINS) for weight in (found.probability, hit, np.ones(len(hit)))]
+    count = np.maximum(sums[2], 1)
+    error = float(np.sum(np.abs(sums[0] - sums[1])) / sums[2].sum())
+    return sums[0] / count, sums[1] / count, sums[2], error
+
+
+def cost_table(complete: PointCloud) -> None:
+    """Seconds of completing 5,000 to 80,000 points of a room, medians of five."""
+    completer = VoxelUNetCompleter()
+    for count in (5_000, 10_000, 20_000, 40_000, 80_000):
+        rows = np.random.default_rng(0).permutation(len(complete))[:count]
+        cloud = complete.select(np.sort(rows))
+        seconds = []
+        for _ in range(6):
+            started = time.perf_counter()
+            completer.complete(cloud, np.random.default_rng(0))
+            seconds.append(time.perf_counter() - started)
+        print(f"| {len(cloud)} | {np.median(seconds[1:]):.3f} | {min(seconds[1:]):.3f} to {max(seconds[1:]):.3f} |")
+
+
+def draw(table: dict[float, NDArray], diagrams: dict[str, tuple[NDArray, NDArray, NDArray, float]]) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for k, level in enumerate(LEVELS):
+        left.plot(
+            [figures[k, 1] for figures in table.values()],
+            [figures[k, 2] for figures in table.values()],
+            "o-",
+            ms=3,
+            label=f"{level:.0%} missing",
+        )
+    left.set(
+        xlabel="accuracy: added points that lie on the truth", ylabel="completeness: missing points that were found"
+    )
+    left.legend(frameon=False)
+    right.plot([0, 1], [0, 1], color="gray", linewidth=0.8)
+    for name, (probability, share, count, error) in diagrams.items():
+        used = count > 0
+        right.plot(probability[used], share[used], "o-", ms=3, label=f"{name} (error {error:.3f})")
+    right.set(xlabel="predicted occupancy", ylabel="share truly occupied")
+    right.legend(frameon=False)
+    figure.savefig(IMAGES / "voxel_unet_confidence.png", dpi=130)
+
+
+def main(rooms: str = "12", folder: str = "") -> None:
+    data = Indoor()
+    names = list(data.scene_names("val"))[: int(rooms)]
+    print("| threshold | ChD over doing nothing at 10 / 30 / 50 % | accuracy | completeness |\n|---|---|---|---|")
+    table = threshold_table({level: cases(data, names, level) for level in LEVELS})
+    diagrams = {"generated rooms": reliability(cases(data, names, 0.3))}
+    if folder:
+        scans = Clouds(folder)
+        diagrams["real rooms"] = reliability(cases(scans, list(scans.scene_names(scans.default_split)), 0.3))
+    for name, (probability, share, count, error) in diagrams.items():
+        print(
+            f"\n{name}: expected calibration error {error:.3f}\n\n| predicted | occupied | sub-voxels |\n|---|---|---|"
+        )
+        for line in zip(probability, share, count, strict=True):
+            print("| {:.2f} | {:.2f} | {:.0f} |".format(*line))
+    print("\n| points | seconds | of five |\n|---|---|---|")
+    cost_table(data.scene(names[0]).dense)
+    draw(table, diagrams)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,238 @@
+"""voxel_unet: the grid, the network's shapes, what is learned from, and what its shipped weights make of a room."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from pcdbench_completers.local_surface import surface_spacing
+from pcdbench_completers.voxel_unet import tiles
+from pcdbench_completers.voxel_unet.completer import SHIPPED_WEIGHTS, VoxelUNetCompleter, surface_points
+from pcdbench_completers.voxel_unet.grid import CHANNELS, Grid, network_input, sub_voxel_means
+from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, split_voxels
+from pcdbench_completers.voxel_unet.tiles import Prediction
+from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
+from scipy.spatial import cKDTree
+
+import pcdbench
+from pcdbench.cloud import PointCloud
+from pcdbench.geometry.chamfer import CloudDistances
+from pcdbench.geometry.sampling import apart_indices, poisson_disk_indices
+from pcdbench.testing import check_completer
+from pcdbench.training.stream import TrainingPair
+
+trained = pytest.mark.skipif(not SHIPPED_WEIGHTS.is_file(), reason="the package has no weights of voxel_unet")
+
+
+def room(count: int, seed: int = 0) -> PointCloud:
+    """Floor, ceiling and four walls of 6 x 4 x 2.6 m with 5 mm noise, evenly spread, a table in it."""
+    rng = np.random.default_rng(seed)
+    faces = []
+    sides = np.array([6.0, 4.0, 2.6])
+    areas = [(a, b, c, end) for a, b, c in ((0, 1, 2), (0, 2, 1), (1, 2, 0)) for end in (0.0, 1.0)]
+    total = sum(sides[a] * sides[b] for a, b, _, _ in areas) + 2.0
+    for a, b, c, end in areas:
+        n = round(4 * count * sides[a] * sides[b] / total)
+        points = np.zeros((n, 3))
+        points[:, [a, b]] = rng.uniform(0, 1, (n, 2)) * sides[[a, b]]
+        points[:, c] = end * sides[c]
+        faces.append(points)
+    table = rng.uniform(0, 1, (round(4 * count * 2.0 / total), 3)) * (2.0, 1.0, 0.0) + (2.0, 1.5, 0.75)
+    points = np.concatenate([*faces, table]) + rng.normal(scale=0.005, size=(sum(map(len, faces)) + len(table), 3))
+    colors = np.clip(0.5 + 0.3 * np.sin(points) + rng.normal(scale=0.02, size=points.shape), 0, 1)
+    return PointCloud(points, colors.astype(np.float32)).select(poisson_disk_indices(points, count, rng))
+
+
+def with_hole(cloud: PointCloud, center: tuple[float, float, float], radius: float) -> PointCloud:
+    return cloud.select(np.linalg.norm(cloud.points - center, axis=1) > radius)
+
+
+def test_cells_and_means_are_those_of_a_plain_loop() -> None:
+    rng = np.random.default_rng(0)
+    cloud = PointCloud(rng.uniform(-1, 1, (300, 3)), rng.uniform(0, 1, (300, 3)).astype(np.float32))
+    grid = Grid.around(cloud.points, 0.3, rng.random(3))
+    features = network_input(cloud, grid)
+    cells: dict[tuple[int, ...], list[int]] = {}
+    for row, point in enumerate(cloud.points):
+        cells.setdefault(tuple(int(n) for n in (point - grid.origin) // 0.3), []).append(row)
+    assert features.shape == (CHANNELS, *grid.shape)
+    assert features[0].sum() == len(cells)
+    for cell, rows in cells.items():
+        center = grid.origin + (np.array(cell) + 0.5) * 0.3
+        value = features[(slice(None), *cell)]
+        assert value[1] == pytest.approx(np.log(len(rows)) / 2, abs=1e-6)
+        assert value[2:5] == pytest.approx((cloud.points[rows].mean(axis=0) - center) / 0.3, abs=1e-6)
+        assert value[5:8] == pytest.approx(2 * cloud.colors[rows].mean(axis=0) - 1, abs=1e-6)
+    assert np.all(features[8] == 1)
+    index, offsets, colors = sub_voxel_means(cloud, grid)
+    assert colors is not None
+    centers = (np.stack(np.unravel_index(index, [2 * n for n in grid.shape]), axis=1) + 0.5) * 0.15 + grid.origin
+    restored = centers + offsets * 0.15
+    near, _ = cKDTree(cloud.points).query(restored)
+    singles = np.bincount(grid.cells(cloud.points, 2)[0])[index] == 1
+    assert near[singles].max() < 1e-6
+
+
+def test_a_part_of_the_input_is_the_input_of_the_part() -> None:
+    cloud = room(3000)
+    grid = Grid.around(cloud.points, 0.25)
+    part = grid.part((3, 2, 1), (13, 12, 9))
+    whole = network_input(cloud, grid)[:, 3:13, 2:12, 1:9]
+    alone = network_input(cloud.select(part.holds(cloud.points)), part)
+    assert np.allclose(whole, alone, atol=1e-5)
+
+
+def test_the_network_has_the_trials_size_and_answers_every_sub_voxel() -> None:
+    network = VoxelUNet().eval()
+    assert sum(parameter.numel() for parameter in network.parameters()) == pytest.approx(2.8e6, rel=0.02)
+    with torch.inference_mode():
+        out = network(torch.zeros(1, CHANNELS, 19, 22, 9))
+    assert out.shape == (1, OUTPUTS, 38, 44, 18)
+    assert out[:, 1:4].abs().max() <= 0.5
+    assert 0 <= out[:, 4:].min() <= out[:, 4:].max() <= 1
+
+
+def test_split_voxels_puts_each_part_into_its_corner() -> None:
+    x = torch.arange(16.0).view(1, 16, 1, 1, 1).repeat(1, 1, 2, 1, 1)
+    out = split_voxels(x)
+    assert out.shape == (1, 2, 4, 2, 2)
+    assert out[0, 0, :2].flatten().tolist() == list(range(8))
+    assert out[0, 1, 2:].flatten().tolist() == list(range(8, 16))
+
+
+def pair(seed: int = 0, colored: bool = True) -> TrainingPair:
+    truth = room(20_000, seed)
+    complete = room(4_000, seed + 1)
+    if not colored:
+        complete = complete.without_colors()
+    return TrainingPair(truth, complete, np.linalg.norm(complete.points - (3.0, 2.0, 0.0), axis=1) > 1.0)
+
+
+def test_what_is_learned_is_where_the_truth_lies_and_not_what_was_observed() -> None:
+    example = VoxelUNetTrainee().example(pair(), np.random.default_rng(0))
+    state = example["state"]
+    assert set(np.unique(state)) == {0, 1, 2, 3, 4}
+    observed = example["features"][0].repeat(2, axis=0).repeat(2, axis=1).repeat(2, axis=2) > 0
+    assert observed[state == 4].all()
+    occupied = np.zeros(state.shape, bool)
+    occupied[tuple(example["at"].T)] = True
+    assert np.array_equal(occupied[state < 4], state[state < 4] % 2 == 1)
+    # The hole in the floor: occupied sub-voxels far from observed ones, all in one layer or two.
+    far = np.argwhere(state == 1)
+    assert len(far) > 100
+    assert np.abs(example["offsets"]).max() <= 0.5
+
+
+def test_a_batch_counts_what_its_examples_count() -> None:
+    trainee = VoxelUNetTrainee()
+    rng = np.random.default_rng(0)
+    examples = [trainee.example(pair(1), rng), trainee.example(pair(2, colored=False), rng)]
+    (together,) = trainee.collate(examples)
+    network = trainee.network().eval()
+    losses = {}
+    for name, chosen in {"both": [together], "each": [trainee.collate([one])[0] for one in examples]}.items():
+        with torch.inference_mode():
+            losses[name] = [trainee.loss(network, {k: torch.as_tensor(v) for k, v in one.items()}) for one in chosen]
+    counts = [int((example["state"] < 4).sum()) for example in examples]
+    each = [float(loss["entropy"]) for loss in losses["each"]]
+    # Padding changes a little at the borders: the network sees empty space there instead of its own zero padding.
+    assert float(losses["both"][0]["entropy"]) == pytest.approx(np.average(each, weights=counts), rel=0.05)
+    assert float(losses["each"][1]["color"]) == 0.0
+    assert float(losses["both"][0]["color"]) == pytest.approx(float(losses["each"][0]["color"]), rel=0.05)
+
+
+def flat_prediction(spacing: float, noise: float, seed: int = 0) -> tuple[PointCloud, Prediction, NDArray[np.float64]]:
+    """A floor of 4 x 4 m with a square hole of 2 x 2 m, and sub-voxels predicted in it with noisy heights."""
+    rng = np.random.default_rng(seed)
+    floor = np.concatenate([rng.uniform(-2, 2, (80_000, 2)), np.zeros((80_000, 1))], axis=1)
+    even = floor[apart_indices(floor, 0.74 * spacing, rng)]
+    even = even + rng.normal(scale=noise, size=even.shape) * (0, 0, 1)
+    inside = np.all(np.abs(even[:, :2]) < 1.0, axis=1)
+    edge = 0.875 * spacing
+    axis = np.arange(-1 + edge / 2, 1, edge)
+    cells = np.stack(np.meshgrid(axis, axis, [0.0]), axis=-1).reshape(-1, 3)
+    cells = cells + rng.uniform(-0.3, 0.3, cells.shape) * edge * (1, 1, 0)
+    cells = cells + rng.normal(scale=noise, size=cells.shape) * (0, 0, 1)
+    found = Prediction(cells, np.full(len(cells), 0.9, np.float32), np.full((len(cells), 3), 0.5, np.float32))
+    return PointCloud(even[~inside]), found, even[inside]
+
+
+def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> None:
+    noise = 0.006
+    cloud, found, truth = flat_prediction(0.08, noise)
+    spacing = surface_spacing(cloud.points)
+    added, confidence = surface_points(cloud, found, spacing, np.random.default_rng(0))
+    assert len(added) == len(confidence) == pytest.approx(len(truth), rel=0.1)
+    assert np.abs(added.points[:, 2]).std() <= 2 * noise
+    apart = cKDTree(np.concatenate([cloud.points, added.points])).query(added.points, k=2)[0][:, 1]
+    assert apart.min() > 0.6 * spacing
+    assert apart.max() < 1.6 * spacing
+    assert (confidence == np.float32(0.9)).all()
+
+
+@trained
+def test_it_fills_the_hole_in_a_floor_and_keeps_every_point() -> None:
+    complete = room(9000)
+    cloud = with_hole(complete, (4.5, 2.0, 0.0), 0.8)
+    completed = VoxelUNetCompleter().complete(cloud, np.random.default_rng(0))
+    assert np.array_equal(completed.points[: len(cloud)], cloud.points)
+    assert completed.colors is not None
+    assert np.array_equal(completed.colors[: len(cloud)], cloud.colors)
+    before = CloudDistances.between(cloud.points, complete.points).chamfer()
+    after = CloudDistances.between(completed.points, complete.points).chamfer()
+    assert after < 0.35 * before
+    added = completed.points[len(cloud) :]
+    hole = added[np.linalg.norm(added - (4.5, 2.0, 0.0), axis=1) < 0.8]
+    assert np.abs(hole[:, 2] - np.median(hole[:, 2])).std() <= 2 * 0.005
+
+
+@trained
+def test_it_needs_no_colour_and_moves_with_the_cloud() -> None:
+    cloud = with_hole(room(5000), (4.5, 2.0, 0.0), 0.8)
+    completer = VoxelUNetCompleter()
+    here = completer.complete(cloud, np.random.default_rng(0))
+    offset = np.array([4.5e5, 5.2e6, 300.0])
+    there = completer.complete(PointCloud(cloud.points + offset, cloud.colors), np.random.default_rng(0))
+    assert len(here) == pytest.approx(len(there), rel=0.01)
+    assert cKDTree(here.points).query(there.points - offset)[0].mean() < 0.005
+    assert completer.complete(cloud.without_colors(), np.random.default_rng(0)).colors is None
+
+
+@trained
+def test_a_higher_threshold_adds_less_and_confidence_is_above_it() -> None:
+    cloud = with_hole(room(6000), (4.5, 2.0, 0.0), 1.0)
+    counts = []
+    for threshold in (0.2, 0.5, 0.8):
+        completer = VoxelUNetCompleter(VoxelUNetCompleter.Options(threshold=threshold))
+        completed, confidence = completer.complete_with_confidence(cloud, np.random.default_rng(0))
+        assert len(confidence) == len(completed)
+        assert (confidence[: len(cloud)] == 1).all()
+        assert confidence.min() > threshold
+        counts.append(len(completed) - len(cloud))
+    assert counts == sorted(counts, reverse=True)
+    assert counts[0] > counts[2]
+
+
+@trained
+def test_tiles_give_what_one_piece_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+    complete = room(12_000)
+    cloud = with_hole(with_hole(complete, (4.5, 2.0, 0.0), 0.8), (2.0, 0.0, 1.3), 0.7)
+    completer = VoxelUNetCompleter()
+    whole = completer.complete(cloud, np.random.default_rng(0))
+    monkeypatch.setattr(tiles, "STEP", 32)
+    monkeypatch.setattr(tiles, "TILE", 32 + 2 * tiles.HALO)
+    parts = completer.complete(cloud, np.random.default_rng(0))
+    one, many = (CloudDistances.between(made.points, complete.points).chamfer() for made in (whole, parts))
+    assert many == pytest.approx(one, rel=0.01)
+
+
+@trained
+def test_it_keeps_the_contract() -> None:
+    check_completer(VoxelUNetCompleter())
+
+
+def test_a_handful_of_points_comes_back_as_it_is() -> None:
+    cloud = pcdbench.PointCloud(np.random.default_rng(0).uniform(size=(5, 3)))
+    completed = VoxelUNetCompleter(network=VoxelUNet().eval()).complete(cloud, np.random.default_rng(0))
+    assert np.array_equal(completed.points, cloud.points)
