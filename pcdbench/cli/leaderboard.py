@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pcdbench.cli import leaderboard_case
+
 if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board
 
@@ -23,18 +25,31 @@ def _leaderboard() -> None:
 def build(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs, or folders that hold some.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The board's folder; it is called as the folder is.")],
+    cases: Annotated[
+        int,
+        typer.Option(help="Scenes of each data set whose clouds the page holds, at every level; 0 for none.", min=0),
+    ] = 1,
 ) -> None:
     """Merge runs into a leaderboard: leaderboard.json, README.md, index.html, figures, leaderboard.csv and .parquet.
 
     The runs may be of any machines, in any order. The same cell twice must agree; runs of different versions of
-    data, tasks or incompletenesses do not mix.
+    data, tasks or incompletenesses do not mix. The clouds of the page are completed again where they are not in
+    the cache; what cannot be is told and left out.
     """
     from pcdbench.leaderboard.building import board_of_runs
+    from pcdbench.leaderboard.case_clouds import clouds_of_page
+    from pcdbench.leaderboard.merging import data_paths
     from pcdbench.leaderboard.publishing import publish
 
     board = board_of_runs(out.resolve().name, runs)
-    for path in publish(board, out):
+    clouds, problems = clouds_of_page(board, cases, data_paths(runs))
+    for problem in problems:
+        typer.echo(f"pcdbench: without clouds: {problem}", err=True)
+    for path in publish(board, out, clouds):
         typer.echo(str(path))
+
+
+app.command("case")(leaderboard_case.case)
 
 
 @app.command("check")

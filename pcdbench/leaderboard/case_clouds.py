@@ -79,7 +79,9 @@ class Remaking:
             scene=its.scene,
             scene_digest=data.scenes[its.scene],
             draw=its.draw,
-            incompleteness=self._plugin("incompleteness", its.incompleteness, its.incompleteness, incompleteness.options),
+            incompleteness=self._plugin(
+                "incompleteness", its.incompleteness, its.incompleteness, incompleteness.options
+            ),
             level=its.level,
             seed=case_seed(its.seed, data.dataset, its.scene, its.incompleteness, its.draw),
             completer=self._plugin("completer", known.completer, completer.name, completer.options),
@@ -159,7 +161,8 @@ class Remaking:
         # What the incomplete cloud lacks is seen beside it; nothing was added to it.
         shown[1] = replace(shown[1], added=None, added_total=0, compared_with=None)
         its = self.board.cases[case]
-        title = f"{its.scene}: {level_text(its.level, math.nan if its.missing is None else its.missing)} missing ({its.incompleteness})"
+        missing = level_text(its.level, math.nan if its.missing is None else its.missing)
+        title = f"{its.scene}: {missing} missing ({its.incompleteness})"
         return CaseClouds(case, title, tuple(label for label, _, _ in named), tuple(shown)), problems
 
     def _dataset(self, number: int) -> Plugin:

@@ -80,17 +80,19 @@ def _facts(board: Board) -> str:
 def _about(board: Board) -> str:
     """How to read the numbers, and why some are not there; HTML."""
     parts = [
-        "<p>Values are of all samples of all cases; [95 %] is their bootstrap interval over scenes. <em>The truth</em> is "
-        "the complete cloud, <em>the ceiling</em> another sample of it, the best that a method can honestly reach, and "
-        "<em>the floor</em> what doing nothing scores. References have no rank.</p>",
+        "<p>Values are of all samples of all cases; [95 %] is their bootstrap interval over scenes. <em>The truth</em> "
+        "is the complete cloud, <em>the ceiling</em> another sample of it, the best that a method can honestly reach, "
+        "and <em>the floor</em> what doing nothing scores. References have no rank.</p>",
         "<p>A rank is one more than the number of completers shown to be better: by paired differences over the same "
-        "cases, with simultaneous 95 % intervals over all pairs of a table. Completers that cannot be told apart share a "
-        "rank. Cases on which a completer failed count as its worst, and are counted beside its cases. On each case "
-        "alone, a number is the mean of its samples.</p>",
+        "cases, with simultaneous 95 % intervals over all pairs of a table. Completers that cannot be told apart share "
+        "a rank. For ranks a case on which a completer failed counts as worse than any; values are of what was "
+        "measured, and how many cases failed stands beside them. Of one case, a number is the mean of its samples.</p>",
     ]
     flagged = [completer for completer in board.completers if completer.saw_test]
     if flagged:
-        lines = "".join(f"<li><bdi>{escape(its.label)}</bdi>: <bdi>{escape(its.saw_test)}</bdi></li>" for its in flagged)
+        lines = "".join(
+            f"<li><bdi>{escape(its.label)}</bdi>: <bdi>{escape(its.saw_test)}</bdi></li>" for its in flagged
+        )
         parts.append(f"<p>Trained on scenes of this board, so to be read with care:</p><ul>{lines}</ul>")
     lost = Counter(
         (result.status, cell.completer, task, result.error or "")
@@ -100,7 +102,8 @@ def _about(board: Board) -> str:
     )
     if lost:
         lines = "".join(
-            f"<li>{count} {status}: <bdi>{escape(completer)}</bdi> on <bdi>{escape(task)}</bdi>: <bdi>{escape(error)}</bdi></li>"
+            f"<li>{count} {status}: <bdi>{escape(completer)}</bdi> on <bdi>{escape(task)}</bdi>: "
+            f"<bdi>{escape(error)}</bdi></li>"
             for (status, completer, task, error), count in lost.most_common(_REASONS_SHOWN)
         )
         more = f"<p>And {len(lost) - _REASONS_SHOWN} reasons more.</p>" if len(lost) > _REASONS_SHOWN else ""

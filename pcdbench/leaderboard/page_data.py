@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pcdbench.incompleteness import MEASURED
 from pcdbench.leaderboard.audit import CEILING, FLOOR, TRUTH
-from pcdbench.leaderboard.board import Board, BoardCompleter, BoardData
+from pcdbench.leaderboard.board import Board, BoardCompleter, BoardData, BoardMetric, BoardTask
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.leaderboard.summary import STATISTICS
 
@@ -28,7 +28,7 @@ _SHOWN_WEIGHTS = 16
 
 @dataclass(frozen=True)
 class _Index:
-    """Where everything of a board is in the columns: settings are (data, incompleteness, level), metrics (task, name)."""
+    """Where everything is in the columns; settings are (data, incompleteness, level), metrics (task, name)."""
 
     settings: Mapping[tuple[int, str, float], int]
     metrics: Mapping[tuple[str, str], int]
@@ -39,23 +39,24 @@ class _Index:
 def page_payload(board: Board) -> dict[str, Any]:
     """All that the page shows, JSON values alone.
 
-    Lists of names: `datasets`, `incompletenesses`, `tasks`, `metrics`, `completers`, `scenes`, `reasons`; `settings`, each
-    (dataset, incompleteness, level) that occurs, with the mean share found missing; `first_setting`, what is shown
-    at first.
+    Lists of names: `datasets`, `incompletenesses`, `tasks`, `metrics`, `completers`, `scenes`, `reasons`; `settings`,
+    each (dataset, incompleteness, level) that occurs, with the mean share found missing; `first_setting`, what is
+    shown at first.
     By (setting, metric, completer), the last one fastest: `estimates` (float32: value, low, high of each statistic;
     NaN where there is none), `counts` (uint16: cases, failed, skipped, ranks; no rank is 0), `curves` (quantiles at
     `curve_steps` + 1 even shares: of all samples for a task's main metric, of the means of cases for the others).
     By (setting, completer): `seconds`, `memory_mb` (float32).
-    By case: `case_settings`, `case_scenes`, `case_draws`, `case_seeds` (uint16, in `seeds`). By (case, completer): `case_seconds`.
-    By (case, completer, task): `statuses` (uint8), `keys` (8 bytes, the first 16 digits), `row_reasons` (uint16, 1 + the
-    place in `reasons`, or 0). By (metric, case, completer): `values`, the means. `samples_of` by metric: null, or
-    `counts` (uint16, by (case, completer)) and `values`, one after the other.
+    By case: `case_settings`, `case_scenes`, `case_draws`, `case_seeds` (uint16, in `seeds`). By (case, completer):
+    `case_seconds`. By (case, completer, task): `statuses` (uint8), `keys` (8 bytes, the first 16 digits),
+    `row_reasons` (uint16, 1 + the place in `reasons`, or 0). By (metric, case, completer): `values`, the means.
+    `samples_of` by metric: null, or `counts` (uint16, by (case, completer)) and `values`, one after the other.
     Other numbers are "short floats", the upper three bytes of float32. All are little endian.
     """
     index = _Index(
         settings={key: place for place, key in enumerate(_settings(board))},
         metrics={
-            key: place for place, key in enumerate((task.name, its.name) for task in board.tasks for its in task.metrics)
+            key: place
+            for place, key in enumerate((task.name, its.name) for task in board.tasks for its in _metrics(task))
         },
         completers={completer.label: place for place, completer in enumerate(board.completers)},
         tasks={task.name: place for place, task in enumerate(board.tasks)},
@@ -85,12 +86,17 @@ def page_payload(board: Board) -> dict[str, Any]:
                 "main": its.main,
             }
             for task in board.tasks
-            for its in task.metrics
+            for its in _metrics(task)
         ],
         "completers": [_completer(completer) for completer in board.completers],
         **_standings(board, index),
         **_cells(board, index),
     }
+
+
+def _metrics(task: BoardTask) -> Sequence[BoardMetric]:
+    """A task's metrics; nobody knows them where it failed on everything, and its failures still are to be seen."""
+    return task.metrics or (BoardMetric("", "", "lower", "median", True),)
 
 
 def _settings(board: Board) -> list[tuple[int, str, float]]:
@@ -151,9 +157,6 @@ def _standings(board: Board, index: _Index) -> dict[str, Any]:
         setting = index.settings[its.data, its.incompleteness, its.level]
         completer = index.completers[its.completer]
         cost["seconds"][setting, completer], cost["memory_mb"][setting, completer] = its.seconds, its.memory_mb
-        if (its.task, its.metric) not in index.metrics:
-            # Nothing of the task was ever measured, so that nobody knows its metrics.
-            continue
         at = setting, index.metrics[its.task, its.metric], completer
         for name in STATISTICS:
             estimate: Estimate | None = getattr(its, name)
@@ -183,7 +186,7 @@ def _cells(board: Board, index: _Index) -> dict[str, Any]:
     values = np.full((len(index.metrics), *shape), np.nan, "<f4")
     samples: dict[int, dict[tuple[int, int], Sequence[float]]] = {}
     reasons: dict[str, int] = {}
-    main = {task.name: index.metrics[task.name, task.metrics[0].name] for task in board.tasks if task.metrics}
+    main = {task.name: index.metrics[task.name, _metrics(task)[0].name] for task in board.tasks}
     for cell in board.cells:
         at = cell.case, index.completers[cell.completer]
         if cell.seconds is not None:

@@ -11,31 +11,42 @@ from pcdbench.leaderboard.board_figures import write_figures
 from pcdbench.leaderboard.board_file import LEADERBOARD, write_board
 from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.board_table import write_tables
+from pcdbench.leaderboard.page import board_page
 from pcdbench.runner.store import write_text
 
 if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board
+    from pcdbench.leaderboard.case_clouds import CaseClouds
 
 README = "README.md"
+PAGE = "index.html"
 SUITE = "suite.toml"
 FIGURES = "figures"
 
 
-def publish(board: Board, folder: Path) -> list[Path]:
-    """Write `leaderboard.json`, `.csv`, `.parquet`, `README.md` and `figures/`; equal boards give equal files.
+def publish(board: Board, folder: Path, clouds: Sequence[CaseClouds] = ()) -> list[Path]:
+    """Write `leaderboard.json`, `.csv`, `.parquet`, `README.md`, `index.html` and `figures/`.
+
+    Equal boards with equal clouds give equal files.
+
+    Args:
+        clouds: of the cases that can be turned on the page.
 
     Raises:
         PcdbenchError: where the folder cannot be written.
     """
+    page = board_page(board, clouds, case_command=f"pcdbench leaderboard case leaderboards/{board.name}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_board(board, folder / LEADERBOARD)
         write_tables(board, folder)
         figures = write_figures(board, folder / FIGURES)
         write_text(folder / README, board_readme(board, figures, build_commands(board.name, folder), folder))
+        write_text(folder / PAGE, page)
     except OSError as error:
         raise PcdbenchError(f"{folder} cannot be written ({error.strerror}); give another -o") from error
-    return [folder / name for name in (LEADERBOARD, "leaderboard.csv", "leaderboard.parquet", README, FIGURES)]
+    names = (LEADERBOARD, "leaderboard.csv", "leaderboard.parquet", README, PAGE, FIGURES)
+    return [folder / name for name in names]
 
 
 def build_commands(name: str, folder: Path) -> Sequence[str]:

@@ -17,10 +17,15 @@ from pcdbench import PointCloud
 from pcdbench.leaderboard.board import Board
 from pcdbench.leaderboard.case_clouds import CaseClouds, shown_cases
 from pcdbench.leaderboard.page import board_page
-from pcdbench.leaderboard.page_data import CURVE_STEPS, SAMPLES_AT_MOST, page_payload, packed_floats
+from pcdbench.leaderboard.page_data import CURVE_STEPS, SAMPLES_AT_MOST, packed_floats, page_payload
 from pcdbench.viewing.shown import shown_clouds
 
-EVIL = ["</script><script>document.body.dataset.evil=1</script>", '"><img src=x onerror=alert(1)>', "مرحبا", "a'b&amp;\u2028"]
+EVIL = [
+    "</script><script>document.body.dataset.evil=1</script>",
+    '"><img src=x onerror=alert(1)>',
+    "مرحبا",
+    "a'b&amp;\u2028",
+]
 COMMAND = "pcdbench leaderboard case boards/rooms"
 
 
@@ -99,7 +104,9 @@ def test_curves_are_quantiles_of_all_samples(board: Board, payload: dict[str, An
     shape = (len(payload["settings"]), len(payload["metrics"]), len(payload["completers"]), CURVE_STEPS + 1)
     curves = short_floats(payload["curves"]).reshape(shape)
     place = next(i for i, its in enumerate(payload["metrics"]) if its["name"] == "tracking_error_m")
-    cases = [i for i, its in enumerate(board.cases) if (its.data, its.incompleteness, its.level) == (1, "short_scan", 0.5)]
+    cases = [
+        i for i, its in enumerate(board.cases) if (its.data, its.incompleteness, its.level) == (1, "short_scan", 0.5)
+    ]
     samples = [
         value
         for cell in board.cells
@@ -129,7 +136,9 @@ def test_the_metrics_with_the_most_samples_are_left_out_where_all_are_too_many(
     assert sum(total.values()) < SAMPLES_AT_MOST
     monkeypatch.setattr("pcdbench.leaderboard.page_data.SAMPLES_AT_MOST", sum(total.values()) - 1)
     payload = page_payload(board)
-    held = {its["name"]: samples is not None for its, samples in zip(payload["metrics"], payload["samples_of"], strict=True)}
+    held = {
+        its["name"]: samples is not None for its, samples in zip(payload["metrics"], payload["samples_of"], strict=True)
+    }
     assert not held["tracking_error_m"] and held["chd"] and held["ssim"] and held["localization_error_m"]
 
 
@@ -172,7 +181,9 @@ def test_names_made_to_break_pages_are_text() -> None:
     page = board_page(board, [case_clouds(board)], case_command=f"pcdbench {EVIL[0]}")
     plain = board_page(made_board(["a"], ["b"]), [case_clouds(made_board(["a"], ["b"]))], case_command="c")
     elements = Elements(page)
-    count = {kind: sum(tag == "script" for tag, _ in Elements(its).found) for kind, its in (("evil", page), ("plain", plain))}
+    count = {
+        kind: sum(tag == "script" for tag, _ in Elements(its).found) for kind, its in (("evil", page), ("plain", plain))
+    }
     assert count["evil"] == count["plain"] == 4, "the viewer's, the clouds', the board's and the page's own"
     assert "img" not in [tag for tag, _ in elements.found]
     assert not any(name.startswith("on") for _, attributes in elements.found for name in attributes)
@@ -187,7 +198,9 @@ def test_the_page_needs_nothing_from_elsewhere_and_its_policy_allows_what_is_in_
     own = page.replace("http://www.w3.org/2000/svg", "")
     assert "://" not in own and "@import" not in own and "fetch(" not in own
     (policy,) = (its["content"] for _, its in elements.found if its.get("http-equiv") == "Content-Security-Policy")
-    assert policy is not None and policy.startswith("default-src 'none'; script-src 'sha256-") and "unsafe" not in policy
+    assert (
+        policy is not None and policy.startswith("default-src 'none'; script-src 'sha256-") and "unsafe" not in policy
+    )
     for kind in ("script", "style"):
         texts = re.findall(rf"<{kind}>(.*?)</{kind}>", page, re.DOTALL)
         assert len(texts) == 2
@@ -199,7 +212,9 @@ def test_what_is_wrong_with_numbers_is_said_in_words(board: Board) -> None:
     text = Elements(board_page(board, case_command=COMMAND)).text
     assert "Trained on scenes of this board, so to be read with care:planes: its card names hall" in text
     assert "12 failed: network on ssim: ran out of luck" in text
-    assert "indoor 2, split test-small: 4 scenes · offices 2, split test-small: 4 scenes · 48 cases · 3 completers" in text
+    assert (
+        "indoor 2, split test-small: 4 scenes · offices 2, split test-small: 4 scenes · 48 cases · 3 completers" in text
+    )
 
 
 def test_the_same_board_gives_the_same_page(board: Board) -> None:
@@ -207,7 +222,12 @@ def test_the_same_board_gives_the_same_page(board: Board) -> None:
 
 
 def test_twenty_completers_on_three_hundred_cases_of_each_setting_are_a_page_of_a_few_megabytes() -> None:
-    board = made_board([f"completer {i}" for i in range(17)], [f"room {i}" for i in range(300)], levels=(0.3,), incompletenesses=("holes",))
+    board = made_board(
+        [f"completer {i}" for i in range(17)],
+        [f"room {i}" for i in range(300)],
+        levels=(0.3,),
+        incompletenesses=("holes",),
+    )
     page = board_page(board, case_command=COMMAND)
     content = re.search(r'<script type="application/json" id="board">(.*?)</script>', page, re.DOTALL)
     assert content is not None and len(json.loads(content[1])["completers"]) == 17 + len(REFERENCES)

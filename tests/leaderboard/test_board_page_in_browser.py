@@ -76,7 +76,9 @@ def test_filters_and_sorting_show_the_numbers_of_the_board(board: Board, tmp_pat
     assert found["heads"] == ["chamfer", "ssim", "localization", "tracking"]
     assert found["overview"] == found["names"] == ["planes", "holes", "network"]
     assert found["above"] == ["ground_truth", "resample", "incomplete"]
-    assert [text.split()[0] for text in found["values"]] == [f"{expected[name].median.value:.3f}" for name in found["names"]]
+    assert [text.split()[0] for text in found["values"]] == [
+        f"{expected[name].median.value:.3f}" for name in found["names"]
+    ]
     assert [int(text) for text in found["ranks"]] == [expected[name].rank for name in found["names"]]
     assert found["figures"] == 3
     assert found["slowest"] == ["network", "holes", "planes"] and found["aria"] == "descending"
@@ -164,7 +166,9 @@ def test_a_number_leads_to_its_rows_and_a_row_to_its_key_and_command(board: Boar
     assert found["open"] and found["closed"]
     assert found["title"] == "holes localization · localization_error_m · holes 30 %"
     assert found["lines"][0] == ["hall", "failed", cells["hall"].key] and len(found["lines"]) == 4
-    worst = sorted((scene for scene in cells if scene != "hall"), key=lambda scene: -cells[scene].values["localization_error_m"])
+    worst = sorted(
+        (scene for scene in cells if scene != "hall"), key=lambda scene: -cells[scene].values["localization_error_m"]
+    )
     assert [line[0] for line in found["lines"][1:]] == worst
     assert [line[2] for line in found["lines"][1:]] == [cells[scene].key for scene in worst]
     assert "failed: ran out of luck" in found["failed"]
@@ -187,7 +191,9 @@ def clouds_of(board: Board, case: int) -> CaseClouds:
 
 
 def test_the_clouds_of_a_case_turn_together_and_follow_the_filters(board: Board, tmp_path: Path) -> None:
-    middle = next(i for i, its in enumerate(board.cases) if (its.data, its.incompleteness, its.level) == (0, "holes", 0.3))
+    middle = next(
+        i for i, its in enumerate(board.cases) if (its.data, its.incompleteness, its.level) == (0, "holes", 0.3)
+    )
     clouds = [clouds_of(board, middle + 1), clouds_of(board, middle + 2)]
     # The observer that waits for the clouds to come near would not fire before the script has ended.
     found = found_in(
@@ -251,7 +257,12 @@ def test_a_link_opens_what_it_names_and_passes_over_what_is_gone(board: Board, t
     assert found["gone"]["rows"] is False and found["gone"]["names"] == ["planes", "holes", "network"]
 
 
-EVIL = ["</script><script>document.body.dataset.evil=1</script>", '"><img src=x onerror="document.body.dataset.evil=2">', "مرحبا بالعالم", "__proto__"]
+EVIL = [
+    "</script><script>document.body.dataset.evil=1</script>",
+    '"><img src=x onerror="document.body.dataset.evil=2">',
+    "مرحبا بالعالم",
+    "__proto__",
+]
 
 
 def test_names_made_to_break_pages_are_shown_as_they_are(tmp_path: Path) -> None:
