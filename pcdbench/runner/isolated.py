@@ -181,29 +181,30 @@ class IsolatedWorker:
         if self._stopped.is_set() or self._pool is None:
             raise Stopped
         limit_gb = self._limits.memory_gb
-        over = False
-        looks_lost = 0
+        over = lost = False
+        looks_gone = 0
         future = self._pool.schedule(function, args=(argument,), timeout=timeout_seconds)
         while not wait([future], _LOOK_EVERY_SECONDS).done:
             self._output.clip()
             if limit_gb is not None and self._pid and resident_bytes(self._pid) > limit_gb * 1e9:
                 over = True
                 end_group(self._pid)
-            looks_lost = looks_lost + 1 if self._pid and not _is_there(self._pid) else 0
-            if looks_lost > _LOOKS_UNTIL_LOST or self._stopped.is_set():
+            looks_gone = looks_gone + 1 if self._pid and not _is_there(self._pid) else 0
+            lost = looks_gone > _LOOKS_UNTIL_LOST
+            if lost or self._stopped.is_set():
                 break
         if self._stopped.is_set():
             raise Stopped
         if over:
             limit = f"its worker took more than {limit_gb:g} GB of memory (--memory-limit)"
             return self._death(limit, worn=self._jobs > 1)
+        if lost:
+            return self._death(_ending(0), crash=True)
         try:
-            return future.result(timeout=0)
+            return future.result()
         except ProcessExpired as expired:
             return self._death(_ending(expired.exitcode), crash=True)
         except TimeoutError:
-            if looks_lost:
-                return self._death(_ending(0), crash=True)
             return self._death(f"no answer after {timeout_seconds:g} s (--timeout)", status="timeout")
         except BaseException as error:
             return self._death(f"its worker process failed: {type(error).__name__}: {error}", crash=True)

@@ -6,8 +6,9 @@ import os
 import tempfile
 from multiprocessing.connection import Connection
 
-_KEPT_LINES = 30
-_KEPT_BYTES = 8_000
+_KEPT_LINES = 40
+_KEPT_CHARACTERS = 8_000
+_READ_BYTES = 32_000
 _LARGEST_BYTES = 1_000_000
 
 
@@ -47,9 +48,11 @@ def clear(descriptor: int) -> None:
 
 
 def last_lines(descriptor: int) -> str | None:
-    """The last 30 lines printed, at most 8,000 bytes of them; None where nothing was."""
-    lines = _end(descriptor).decode(errors="replace").splitlines()[-_KEPT_LINES:]
-    return "\n".join(lines).strip("\n") or None
+    """The last 40 lines printed, at most 8,000 characters of them; None where nothing was."""
+    lines = _end(descriptor).decode(errors="replace").splitlines()
+    # faulthandler's long list of all native modules would push out the stack.
+    told = [line for line in lines if not line.startswith("Extension modules: ")]
+    return "\n".join(told[-_KEPT_LINES:]).strip("\n")[-_KEPT_CHARACTERS:] or None
 
 
 def _append_only(descriptor: int) -> None:
@@ -60,4 +63,4 @@ def _append_only(descriptor: int) -> None:
 
 def _end(descriptor: int) -> bytes:
     size = os.fstat(descriptor).st_size
-    return os.pread(descriptor, _KEPT_BYTES, max(0, size - _KEPT_BYTES))
+    return os.pread(descriptor, _READ_BYTES, max(0, size - _READ_BYTES))

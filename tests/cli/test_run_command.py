@@ -51,8 +51,10 @@ def started(folder: Path, tmp_path: Path, rows: int) -> subprocess.Popen:
     """A slow run in mid-course: it has added as many rows, and more are to come."""
     path = folder / "rows.jsonl"
     wanted = rows + (path.read_bytes().count(b"\n") if path.exists() else 0)
-    process = subprocess.Popen([*COMMAND, *SLOW, "--out", str(folder)], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 60
+    process = subprocess.Popen(
+        [*COMMAND, *SLOW, "--out", str(folder)], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    deadline = time.monotonic() + 240
     while time.monotonic() < deadline and process.poll() is None:
         if path.exists() and path.read_bytes().count(b"\n") >= wanted:
             return process
@@ -74,9 +76,9 @@ def test_killed_and_interrupted_runs_are_taken_up_and_give_the_same_rows(run, tm
 
     interrupted = started(folder, tmp_path, rows=4)
     before = time.monotonic()
-    os.kill(interrupted.pid, signal.SIGINT)
+    os.killpg(interrupted.pid, signal.SIGINT)  # as a terminal does: workers are interrupted, too
     _, errors = interrupted.communicate(timeout=30)
-    assert time.monotonic() - before < 10
+    assert time.monotonic() - before < 30
     assert interrupted.returncode == 130 and "Traceback" not in errors
     assert "the same command goes on from there" in errors
     rows = outcome(folder)
@@ -87,6 +89,93 @@ def test_killed_and_interrupted_runs_are_taken_up_and_give_the_same_rows(run, tm
     run(*SLOW, "--out", str(whole))
     assert len(outcome(whole)) == 36
     assert outcome(folder) == outcome(whole)
+
+
+def test_interrupted_while_it_still_imports_it_ends_in_one_line(tmp_path):
+    (tmp_path / "typer.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    ended = subprocess.run(
+        [sys.executable, "-m", "pcdbench", "list"],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert (ended.returncode, ended.stderr) == (130, "pcdbench: stopped\n")
+
+
+def test_interrupted_while_its_workers_still_import_it_ends_in_one_line(tmp_path, tiny_plugins):
+    process = subprocess.Popen(
+        [*COMMAND, *SLOW, "--out", "run"], cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while process.poll() is None and not _has_children(process.pid):
+        time.sleep(0.005)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors == "pcdbench: stopped; finished cells are stored, and the same command goes on from there\n"
+
+
+def _has_children(pid: int) -> bool:
+    return any(children.read_text() for children in Path(f"/proc/{pid}/task").glob("*/children"))
+
+
+def test_a_limit_reaches_the_workers_and_the_reason_is_shown(run):
+    arguments = ["--completer", "tiny_troubled", "--task", "tiny_blind", "--level", "0.1", "--format", "json"]
+    options = ["--option", "tiny.scenes=1", "--option", "tiny_troubled.how=leak", "--memory-limit", "0.6"]
+    ended = run("run", *arguments, *options, *TINY, "--out", "run", code=3)
+    assert "1 rows failed; the same command tries them again" in ended.stderr
+    (reason,) = json.loads(ended.stdout)["reasons"]
+    assert "its worker took more than 0.6 GB of memory (--memory-limit)" in reason
+
+
+def test_a_completer_that_crashed_is_not_run_again_to_draw_it(run, tmp_path):
+    arguments = ["--completer", "tiny_troubled", "--task", "tiny_gap", "--option", "tiny_troubled.how=crash"]
+    run("run", *arguments, "--option", "tiny.scenes=1", "--level", "0.1", *TINY, "--out", "run", code=3)
+    assert (tmp_path / "run" / "case_box0_0.1.png").exists()
+
+
+def test_warnings_of_workers_are_one_line_each_and_prints_do_not_show(run, tmp_path, capfd):
+    (tmp_path / "cache").write_text("no folder")
+    arguments = ["--completer", "tiny_troubled", "--task", "tiny_gap", "--option", "tiny_troubled.how=warn,warn"]
+    run("run", *arguments, "--option", "tiny.scenes=1", "--level", "0.1,0.2", *TINY, "--out", "run")
+    lines = capfd.readouterr().err.splitlines()
+    assert lines.count("pcdbench: a scan is odd") == 1
+    assert sum("completed clouds are not kept: " in line for line in lines) == 1
+    assert not [line for line in lines if "warnings.warn" in line or "about to" in line or "is old" in line]
+
+
+@pytest.fixture
+def small_disk(tmp_path) -> Path:
+    """A disk of 40 kB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = (
+        shutil.which("mount")
+        and not subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", "size=40k", "tmpfs", disk], capture_output=True
+        ).returncode
+    )
+    if not mounted:
+        pytest.skip("disks can be mounted by root alone")
+    yield disk
+    subprocess.run(["umount", "-l", disk], check=True)
+
+
+def test_a_full_disk_ends_the_run_in_one_line_and_nothing_is_lost(run, tmp_path, small_disk):
+    arguments = ["run", "--completer", "tiny_fill", "--task", "tiny_gap", *TINY]
+    ended = run(*arguments, "--out", str(small_disk / "run"), code=2)
+    path = small_disk / "run" / "rows.jsonl"
+    assert ended.stderr.splitlines()[-1] == (
+        f"pcdbench: {path} cannot be written (No space left on device); all cells before are stored: "
+        "make room there and give the same command again"
+    )
+    before = path.read_bytes()
+    assert 0 < len(outcome(small_disk / "run")) < 36 and before.endswith(b"\n")
+    subprocess.run(["mount", "-o", "remount,size=1m", small_disk], check=True)
+    run(*arguments, "--out", str(small_disk / "run"))
+    assert path.read_bytes().startswith(before)
+    run(*arguments, "--out", "whole")
+    assert outcome(small_disk / "run") == outcome(tmp_path / "whole")
 
 
 def test_the_same_command_finds_its_folder_and_does_only_what_is_missing(run, tmp_path):
@@ -145,6 +234,9 @@ def test_failures_are_counted_and_shown_in_every_format(run, tmp_path):
         (["--level", "a"], "--level 'a' must be numbers between 0 and 1"),
         (["--level", "30"], "--level 30 must lie between 0 and 1"),
         (["--jobs", "0"], "--jobs 0 must be at least 1"),
+        (["--timeout", "0"], "--timeout 0 must be a number of seconds above 0"),
+        (["--memory-limit", "0"], "--memory-limit 0 must be a number of GB above 0"),
+        (["--retries", "-1"], "--retries -1 must be 0 or more"),
         (["--split", "none"], "split 'none' of data set 'tiny' has no scenes"),
     ],
 )

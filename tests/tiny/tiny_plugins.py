@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import signal
+import subprocess
 import sys
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial import cKDTree
 
 import pcdbench
+import pcdbench.formats
 from pcdbench import Case, Completer, Dataset, Incompleteness, Measurements, Metric, PointCloud, Scene, Task
 from pcdbench.plugins import Register, hookimpl
 
@@ -37,6 +41,7 @@ def register_completers(register: Register) -> None:
     register("tiny_fill", "tiny_plugins:Fill", "random points in the cloud's box")
     register("tiny_colorful", "tiny_plugins:Colorful", "needs colour")
     register("tiny_faulty", "tiny_plugins:Faulty", "fails as its option says")
+    register("tiny_troubled", "tiny_plugins:Troubled", "misbehaves by level")
     register("tiny_missing", "tiny_plugins_that_are_not_there:Completer", "cannot be imported")
 
 
@@ -45,7 +50,64 @@ def register_tasks(register: Register) -> None:
     register("tiny_gap", "tiny_plugins:Gap", "how far the truth is from the completed cloud")
     register("tiny_color", "tiny_plugins:Color", "mean difference of colour")
     register("tiny_blind", "tiny_plugins:Blind", "looks at nothing")
+    register("tiny_trouble", "tiny_plugins:Trouble", "misbehaves by level, once it is asked to measure")
     register("tiny_wrong", "tiny_plugins:Wrong", "measures what is no number")
+
+
+_hoard: list[np.ndarray] = []
+
+
+def misbehave(how: str) -> None:
+    """Do one of the things that no plugin should, having said so; `mark:PATH` crashes until the file is there."""
+    if how:
+        print(f"about to {how}")
+    how, _, path = how.partition(":")
+    match how:
+        case "raise":
+            raise ZeroDivisionError("no plane")
+        case "exit":
+            sys.exit("good bye")
+        case "crash":
+            ctypes.CDLL(None).puts(b"printed by C")
+            ctypes.string_at(0)
+        case "vanish":
+            os._exit(0)
+        case "quit":
+            os._exit(7)
+        case "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        case "hang":
+            time.sleep(600)
+        case "freeze":
+            # Native code that holds the interpreter: no Python of this process runs any more.
+            ctypes.PyDLL(None).sleep(600)
+        case "leak":
+            while len(_hoard) < 20:
+                _hoard.append(np.ones(12_500_000))
+            time.sleep(60)
+        case "hoard":
+            _hoard.append(np.ones(25_000_000))
+            time.sleep(0.5)
+        case "tally":
+            with Path(path).open("a") as stream:
+                stream.write("x")
+            ctypes.string_at(0)
+        case "flood":
+            for _ in range(30_000):
+                print("x" * 100)
+            print("the last line")
+            ctypes.string_at(0)
+        case "mark":
+            if not Path(path).exists():
+                Path(path).touch()
+                ctypes.string_at(0)
+        case "breed":
+            child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+            Path(path).write_text(str(child.pid))
+            time.sleep(600)
+        case "warn":
+            warnings.warn("a scan is odd", pcdbench.formats.CloudWarning, stacklevel=1)
+            warnings.warn("an interface is old", DeprecationWarning, stacklevel=1)
 
 
 class Tiny(Dataset):
@@ -58,6 +120,7 @@ class Tiny(Dataset):
         color: bool = True
         broken: str = Field("", description="a scene that cannot be made, or all")
         seconds: float = Field(0.0, description="how long a scene takes")
+        how: str = Field("", description="what the first scene does when it is made")
 
     options: Options
     default_split = "few"
@@ -73,6 +136,8 @@ class Tiny(Dataset):
 
     def scene(self, name: str) -> Scene:
         time.sleep(self.options.seconds)
+        if name == "box0":
+            misbehave(self.options.how)
         if self.options.broken in (name, "all"):
             raise pcdbench.CloudError(f"{name}.ply has no points; scan it again")
         rng = np.random.default_rng(int(name[3:]))
@@ -107,6 +172,35 @@ class Fill(Completer):
         points = low + rng.random((self.options.points, 3)) * (high - low)
         colors = None if cloud.colors is None else rng.random(points.shape)
         return PointCloud.concatenate([cloud, PointCloud(points, colors)])
+
+
+class Troubled(Completer):
+    class Options(pcdbench.Options):
+        how: str = Field("", description="what to do at each tenth of points that are missing, as `crash,hang`")
+
+    options: Options
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        misbehave(_at_level(self.options.how, 1 - len(cloud) / 300))
+        return cloud
+
+
+class Trouble(Task):
+    class Options(pcdbench.Options):
+        how: str = Field("", description="what to do at each tenth of points that are missing, as `crash,hang`")
+
+    options: Options
+    metrics = (Metric("guess", "m", "lower", "a random number", "mean"),)
+
+    def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        misbehave(_at_level(self.options.how, case.level))
+        return Measurements({"guess": rng.random(4)})
+
+
+def _at_level(how: str, missing: float) -> str:
+    number = round(missing * 10) - 1
+    each = how.split(",")
+    return each[number] if number < len(each) else ""
 
 
 class Colorful(Completer):
@@ -154,6 +248,8 @@ class Gap(Task):
     )
 
     def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
+        from scipy.spatial import cKDTree
+
         gaps = cKDTree(completed.points).query(case.scene.complete.points)[0]
         return Measurements(
             {"gap_m": [gaps.mean()], "drawn": rng.random(3)},

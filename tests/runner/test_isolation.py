@@ -1,0 +1,140 @@
+"""Every way in which a plugin can go wrong costs its own cell: the row says why, with its last words."""
+
+import os
+import time
+from dataclasses import replace
+
+import pytest
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.runner.jobs import Limits
+from pcdbench.runner.plan import Request, plan
+from pcdbench.runner.run import carry_out, local_processes
+
+pytestmark = pytest.mark.usefixtures("tiny_plugins")
+TENTHS = [number / 10 for number in range(1, 10)]
+TINY = Request(["tiny_troubled"], ["tiny_blind"], "tiny", None, ["slab"], references=False, options=["tiny.scenes=1"])
+LIMITS = Limits(timeout_seconds=120.0, memory_gb=0.6, retries=0)
+SHORT = Limits(timeout_seconds=5.0, retries=0)
+
+
+@pytest.fixture
+def run_rows(tmp_path, monkeypatch):
+    """A function that carries out a request in one worker process: rows by level and task."""
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+
+    def run(*options, limits=LIMITS, **changes):
+        request = replace(TINY, **changes)
+        planned = plan(replace(request, options=[*request.options, *options]))
+        ended = carry_out(planned, tmp_path / "run", local_processes(1, limits))
+        rows = {(row["level"], row["task"]["name"]): row for row in ended.rows}
+        assert len(rows) == len(ended.rows) == len(planned.cells) * len(planned.tasks)
+        return rows
+
+    return run
+
+
+def test_whatever_a_completer_does_costs_its_own_cell(run_rows):
+    ways = ["crash", "", "leak", "vanish", "quit", "kill", "exit", "flood"]
+    rows = run_rows(f"tiny_troubled.how={','.join(ways)}", levels=TENTHS[: len(ways)])
+    found = {way: rows[level, "tiny_blind"] for way, level in zip(ways, TENTHS, strict=False)}
+    assert found[""]["status"] == "ok" and found[""]["output"] is None
+    reasons = {
+        "crash": "died of SIGSEGV: a crash in native code",
+        "leak": "took more than 0.6 GB of memory (--memory-limit)",
+        "vanish": "ended itself (exit code 0)",
+        "quit": "ended itself (exit code 7)",
+        "kill": "died of SIGKILL: out of memory, most likely",
+        "exit": "SystemExit: good bye",
+        "flood": "died of SIGSEGV: a crash in native code",
+    }
+    for way, reason in reasons.items():
+        assert (found[way]["status"], found[way]["stage"]) == ("failed", "completing")
+        assert reason in found[way]["error"]
+        if way != "flood":
+            assert found[way]["output"].splitlines()[0] == f"about to {way}"
+    crash, flood = found["crash"]["output"], found["flood"]["output"]
+    assert "printed by C" in crash and "Segmentation fault" in crash and "in misbehave" in crash
+    assert len(flood) <= 8_000 and "the last line\nFatal Python error" in flood, "three million letters were printed"
+
+
+def test_whatever_hangs_is_ended_with_all_that_it_started(run_rows, tmp_path):
+    ways = [f"breed:{tmp_path / 'pid'}", "freeze"]
+    rows = run_rows(f"tiny_troubled.how={','.join(ways)}", levels=TENTHS[:2], limits=SHORT)
+    for way, level in zip(ways, TENTHS, strict=False):
+        row = rows[level, "tiny_blind"]
+        assert (row["status"], row["stage"]) == ("timeout", "completing")
+        assert row["error"] == "no answer after 5 s (--timeout)"
+        assert f"about to {way}" in row["output"] and "in misbehave" in row["output"]
+    assert gone_soon(int((tmp_path / "pid").read_text()))
+
+
+def test_a_task_costs_its_own_row_and_the_completion_is_not_lost(run_rows):
+    ways = ["crash", "hang", "raise", ""]
+    tasks = ["tiny_blind", "tiny_trouble", "tiny_color"]
+    rows = run_rows(
+        f"tiny_trouble.how={','.join(ways)}",
+        completers=["tiny_fill"],
+        tasks=tasks,
+        levels=TENTHS[: len(ways)],
+        limits=SHORT,
+    )
+    for way, level in zip(ways, TENTHS, strict=False):
+        blind, trouble, color = (rows[level, task] for task in tasks)
+        assert (blind["status"], color["status"]) == ("ok", "ok")
+        assert blind["completing"]["cached"] is False and color["completing"]["cached"] is (way in ("crash", "hang"))
+        assert trouble["status"] == {"hang": "timeout", "": "ok"}.get(way, "failed")
+        assert trouble["stage"] == ("evaluating" if way else None)
+        assert trouble["points"] == blind["points"], "what was known when it died stays"
+        if way:
+            assert f"about to {way}" in trouble["output"]
+
+
+def test_a_scene_that_cannot_be_made_is_not_tried_for_each_of_its_cells(tmp_path, monkeypatch):
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    tally = tmp_path / "tally"
+    options = [f"tiny.how=tally:{tally}", "tiny.scenes=2"]
+    planned = plan(replace(TINY, completers=["tiny_fill", "tiny_colorful"], options=options))
+    ended = carry_out(planned, tmp_path / "run", local_processes(1, LIMITS))
+    found = {(row["scene"], row["status"], row["stage"]) for row in ended.rows}
+    assert found == {("box0", "failed", "scene"), ("box1", "ok", None)}
+    assert len(ended.rows) == 12 and tally.read_text() == "x"
+
+
+def test_what_dies_once_is_tried_again_and_what_raises_is_not(run_rows, tmp_path):
+    mark = tmp_path / "mark"
+    rows = run_rows(f"tiny_troubled.how=mark:{mark},crash,raise", levels=TENTHS[:3], limits=replace(LIMITS, retries=1))
+    once, always, raised = (rows[level, "tiny_blind"] for level in TENTHS[:3])
+    assert mark.exists() and once["status"] == "ok"
+    assert always["error"].endswith("a crash in native code, 2 times")
+    assert raised["error"] == "ZeroDivisionError: no plane"
+
+
+def test_memory_that_earlier_cells_left_behind_is_not_held_against_a_cell(run_rows):
+    rows = run_rows(f"tiny_troubled.how={','.join(['hoard'] * 6)}", levels=TENTHS[:6])
+    assert [row["status"] for row in rows.values()] == ["ok"] * 6, "0.2 GB each, together twice the limit"
+
+
+def gone_soon(pid):
+    deadline = time.monotonic() + 10
+    while time.monotonic() < deadline:
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.05)
+    return False
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"timeout_seconds": 0}, "--timeout 0 must be"),
+        ({"timeout_seconds": float("nan")}, "--timeout nan must be"),
+        ({"memory_gb": 0}, "--memory-limit 0 must be"),
+        ({"retries": -1}, "--retries -1 must be"),
+    ],
+)
+def test_limits_that_nothing_can_keep(limits, message):
+    with pytest.raises(PcdbenchError, match=message):
+        Limits(**limits)
