@@ -23,6 +23,7 @@ from pcdbench.formats.columns import (
     coordinate_and_color_names,
     needs_double,
     require_bytes,
+    require_density,
     unit_colors,
     whole_bytes,
 )
@@ -193,6 +194,7 @@ def _compressed_rows(
     require_bytes(path, packed_size, count, present - 8)
     if size != count * row_type.itemsize or size > _MOST_COMPRESSED * packed_size:
         raise CloudError(f"{path}: its compressed data do not fit its header; export it again")
+    require_density(path, count)
     data = _lzf_unpacked(stream.read(packed_size), size, path)
     rows, start = {}, 0
     for name in row_type.names or ():

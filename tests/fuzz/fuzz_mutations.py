@@ -144,13 +144,21 @@ _CRC_TABLE = [_crc_row(byte) for byte in range(256)]
 
 def mutated_e57(data: bytes, rng: np.random.Generator, others: Sequence[bytes] = ()) -> bytes:
     """An E57 file with mutations below its checksums: mostly of its XML, which then still has its place and length."""
-    logical = b"".join(data[start : start + 1020] for start in range(0, len(data), 1024))
-    (xml_at,) = struct.unpack_from("<Q", data, 24)
-    (xml_length,) = struct.unpack_from("<Q", data, 32)
-    start = xml_at - xml_at // 1024 * 4
     if rng.random() < 0.3:
-        return with_e57_checksums(mutated(logical, rng))
-    xml = mutated(logical[start : start + xml_length], rng)
+        return with_e57_checksums(mutated(_without_e57_checksums(data), rng))
+    return e57_with_xml(data, lambda xml: mutated(xml, rng, others))
+
+
+def e57_with_xml(data: bytes, change: Callable[[bytes], bytes]) -> bytes:
+    """An E57 file whose XML is changed, with right lengths and checksums."""
+    logical = _without_e57_checksums(data)
+    xml_at, xml_length = struct.unpack_from("<QQ", data, 24)
+    start = xml_at - xml_at // 1024 * 4
+    xml = change(logical[start : start + xml_length])
     pages = -(-(start + len(xml)) // 1020)
     head = logical[:16] + struct.pack("<QQQ", pages * 1024, xml_at, len(xml)) + logical[40:start]
     return with_e57_checksums((head + xml).ljust(pages * 1020, b"\0"))
+
+
+def _without_e57_checksums(data: bytes) -> bytes:
+    return b"".join(data[start : start + 1020] for start in range(0, len(data), 1024))
