@@ -122,12 +122,11 @@ class OneCase {
       return;
     }
     if (!this.seen) return;
-    if (this.shown !== which) {
-      this.shown = which;
-      this.clouds.replaceChildren(document.getElementById(`clouds-${which}`).content.cloneNode(true));
-      document.dispatchEvent(new Event("pcdbench-viewers"));
-    }
+    const other = this.shown !== which;
+    if (other) this.clouds.replaceChildren(document.getElementById(`clouds-${which}`).content.cloneNode(true));
     this.clouds.querySelectorAll(".panel").forEach((panel, i) => { panel.hidden = choice.hidden.has(held[i]); });
+    if (other) document.dispatchEvent(new Event("pcdbench-viewers"));
+    this.shown = which;
   }
 }
 
