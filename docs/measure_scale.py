@@ -299,7 +299,7 @@ class Simulated:
     cells_a_second: float
 
 
-def simulated(workers: int, cell_seconds: float, costs: Costs, cells_a_worker: int = 20, seed: int = 0) -> Simulated:
+def simulated(workers: int, cell_seconds: float, costs: Costs, cells_a_worker: int = 50, seed: int = 0) -> Simulated:
     """A run, event by event: cells of gamma-distributed length, two at each worker, one client and one scheduler.
 
     A finished cell passes the scheduler and the client, which stores its rows and sends the next one, which passes the
@@ -307,7 +307,7 @@ def simulated(workers: int, cell_seconds: float, costs: Costs, cells_a_worker: i
     """
     rng = np.random.default_rng(seed)
     total = workers * cells_a_worker
-    lengths = iter(rng.gamma(4.0, cell_seconds / 4.0, total))
+    lengths = iter(rng.gamma(4.0, cell_seconds / 4.0, total).tolist())
     events: list[tuple[float, int, str, int]] = []
     order = count()
     free = {"client": 0.0, "back": 0.0}
@@ -356,7 +356,8 @@ def simulated(workers: int, cell_seconds: float, costs: Costs, cells_a_worker: i
                 if waiting[worker]:
                     waiting[worker] -= 1
                     begin(worker)
-    return Simulated(worked / (workers * now), spent["client"] / now, spent["scheduler"] / now, total / now)
+    end = max(now, *free.values())
+    return Simulated(worked / (workers * end), spent["client"] / end, spent["scheduler"] / end, total / end)
 
 
 def simulate(costs: Costs) -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
+from pcdbench.downloads import is_address
 from pcdbench.errors import PcdbenchError
 from pcdbench.runner.cluster_worker import do_job, end_run
 from pcdbench.runner.jobs import Job, JobQueue, Limits
@@ -117,6 +118,7 @@ class _Dispatch:
         self._dataset = dataset
         self._limits = limits
         self._running: dict[Key, tuple[Future, Job, str]] = {}
+        self._busy: Counter[str] = Counter()
         self._finished: SimpleQueue[Future] = SimpleQueue()
         self._done: deque[tuple[Job, list[Row]]] = deque()
         self._workers: frozenset[str] = frozenset()
@@ -149,13 +151,12 @@ class _Dispatch:
         self._fill(self._workers)
 
     def _fill(self, workers: frozenset[str]) -> None:
-        busy = Counter(worker for _, _, worker in self._running.values())
         for worker in sorted(workers & self._workers):
-            while busy[worker] < _JOBS_A_WORKER:
+            while self._busy[worker] < _JOBS_A_WORKER:
                 job = self._queue.take(worker)
                 if job is None:
                     return
-                busy[worker] += 1
+                self._busy[worker] += 1
                 arguments = (self._run, self._dataset, self._limits, job)
                 # Should the worker die, Dask gives the job to another one.
                 future = self._client.submit(do_job, *arguments, pure=False, workers=[worker], allow_other_workers=True)
@@ -165,33 +166,37 @@ class _Dispatch:
     def _take(self, finished: Sequence[Future]) -> None:
         """Fetch, in one go, what these jobs gave, after their workers have been given the next ones."""
         ended = [(future, *self._running.pop(future.key)[1:]) for future in finished]
+        self._busy.subtract(worker for _, _, worker in ended)
         self._fill(frozenset(worker for _, _, worker in ended))
+        good = [future for future, *_ in ended if future.status == "finished"]
         with _saying_that_the_scheduler_is_lost():
-            rows = dict(
-                zip(
-                    [future.key for future, *_ in ended if future.status == "finished"],
-                    self._client.gather([future for future, *_ in ended if future.status == "finished"]),
-                    strict=True,
-                )
-            )
-            for future, job, _ in ended:
-                self._done.append((job, rows[future.key] if future.key in rows else self._failed_rows(future, job)))
+            rows = dict(zip([future.key for future in good], self._client.gather(good), strict=True))
+        for future, job, _ in ended:
+            self._done.append((job, rows[future.key] if future.key in rows else self._failed_rows(future, job)))
 
     def _failed_rows(self, future: Future, job: Job) -> list[Row]:
-        """Rows of a job that Dask gave up; whatever else went wrong is raised."""
+        """Rows of a job that Dask gave up; what else can go wrong goes wrong with every job, and ends the run."""
+        from concurrent.futures import CancelledError
+
         from distributed import KilledWorker
 
         from pcdbench.runner.rows import base_row, new_row
 
-        try:
-            return future.result()
-        except KilledWorker as killed:
-            error = f"{killed.allowed_failures + 1} Dask workers died of it, one after the other"
-        base = base_row(self._dataset, job.cell, 1)
-        return [
-            new_row(base, job.cell, task) | {"status": "failed", "stage": "worker", "error": error}
-            for task in job.tasks
-        ]
+        error = future.exception() if future.status == "error" else CancelledError()
+        if isinstance(error, KilledWorker):
+            told = f"{error.allowed_failures + 1} Dask workers died of it, one after the other"
+            failed = {"status": "failed", "stage": "worker", "error": told}
+            base = base_row(self._dataset, job.cell, 1)
+            return [new_row(base, job.cell, task) | failed for task in job.tasks]
+        if isinstance(error, PcdbenchError):
+            raise error
+        with _saying_that_the_scheduler_is_lost():
+            if isinstance(error, CancelledError):
+                raise error
+        raise PcdbenchError(
+            f"a Dask worker cannot do cells ({type(error).__name__}: {error}); it needs the pcdbench and the plugins "
+            "of this machine"
+        ) from error
 
 
 @contextlib.contextmanager
@@ -228,7 +233,7 @@ def _workers_of_this_machine(count: int) -> Iterator[Client]:
 
 
 def _as_workers_find_it(dataset: Plugin) -> Plugin:
-    """The data set with an absolute path: workers are in other folders."""
-    if dataset.path is None:
+    """The data set with an absolute path, or its address: workers are in other folders."""
+    if dataset.path is None or is_address(dataset.path):
         return dataset
     return replace(dataset, path=os.path.abspath(Path(dataset.path).expanduser()))

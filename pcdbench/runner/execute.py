@@ -20,6 +20,7 @@ from pcdbench.runner.measuring import Cost
 from pcdbench.runner.plan import Cell
 from pcdbench.runner.rows import Row, base_row, new_row, samples_by_metric
 from pcdbench.runner.selection import Plugin
+from pcdbench.scene import Scene
 from pcdbench.task import Measurements, Task
 
 Stage = Literal["scene", "case", "completing", "evaluating"]
@@ -93,7 +94,7 @@ class Executor:
         Raises:
             Failure: where the scene or the case cannot be made.
         """
-        scene = self._remember("scene", cell.scene, lambda: _at("scene", lambda: self._open().scene(cell.scene)))
+        scene = self._remember("scene", cell.scene, lambda: _at("scene", lambda: self._scene(cell)))
         incompleteness = cell.incompleteness
 
         def make() -> Case:
@@ -134,6 +135,21 @@ class Executor:
         except Failure as failure:
             return _failed_row(base, cell, task, failure) | {"evaluating": cost.as_json()}
         return new_row(base, cell, task) | {"status": "ok", "evaluating": cost.as_json()} | samples
+
+    def _scene(self, cell: Cell) -> Scene:
+        """The scene of a cell.
+
+        Raises:
+            PcdbenchError: where it cannot be made, or is not what the cell's key says: a file has changed since the
+                run was planned, or is another one on this machine.
+        """
+        dataset = self._open()
+        if dataset.digest(cell.scene) != cell.scene_digest:
+            raise PcdbenchError(
+                f"the files of {cell.scene} are not those that the run was planned with; give the command again, "
+                "or the same files to all machines"
+            )
+        return dataset.scene(cell.scene)
 
     def _open(self) -> Any:
         return self._remember("dataset", self._dataset.identity, self._dataset.build)

@@ -13,6 +13,7 @@ from typing import Any, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from pcdbench.downloads import downloaded, is_address
 from pcdbench.errors import PcdbenchError, PluginError
 from pcdbench.keys import digest, file_digest
 from pcdbench.plugins import KINDS, Kind, did_you_mean, registry
@@ -36,7 +37,8 @@ class Plugin:
         weights: digest of a completer's weights, or None.
         code: digest of the file its class is in. Development changes code without raising a version: then
             completions cached before are not reused, and an old run is not taken up again.
-        path: what follows the colon in `--dataset NAME:PATH`; where data lies decides no outcome.
+        path: what follows the colon in `--dataset NAME:PATH`; where data lies decides no outcome. An address with a
+            digest (see `downloads`) is fetched by each machine that builds the data set.
         has_levels: of an incompleteness: whether `--level` applies.
         card: a completer's model card, or None.
     """
@@ -69,7 +71,7 @@ class Plugin:
         cls = registry().get(self.kind, self.name).load()
         options = cls.Options.model_validate(self.options)
         if self.kind == "dataset":
-            return cls(None if self.path is None else Path(self.path), options)
+            return cls(None if self.path is None else _path(self.path), options)
         return cls(options)
 
 
@@ -124,6 +126,10 @@ def option_targets(options: Mapping[str, Mapping[str, str]], names: Mapping[Kind
             installed = any(found.name == name for kind in KINDS for found in registry().all(kind))
             cure = f"name it there too, or leave its options out ({', '.join(known)})" if installed else None
             raise PcdbenchError(f"--option {name}.…: {name!r} is not in this run; {cure or did_you_mean(name, known)}")
+
+
+def _path(text: str) -> Path:
+    return downloaded(text) if is_address(text) else Path(text)
 
 
 def _options(name: str, model: type[BaseModel], given: Mapping[str, str]) -> BaseModel:
