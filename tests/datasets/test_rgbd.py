@@ -11,6 +11,7 @@ from skimage.io import imsave
 
 from pcdbench.cloud import PointCloud
 from pcdbench.datasets.rgbd import Rgbd
+from pcdbench.datasets.rgbd.fusion import Settings, fused
 from pcdbench.datasets.rgbd.gravity import levelled, up_direction
 from pcdbench.datasets.rgbd.layouts import layout_of, read_sequence
 from pcdbench.datasets.rgbd.sequence import Camera
@@ -299,6 +300,22 @@ def test_without_colour_images_there_is_no_colour(tmp_path, camcorder):
     assert [its.problem for its in dataset.check(tmp_path.name)] == ["it has no colour"]
 
 
+@pytest.mark.parametrize("colored", [True, False])
+def test_points_need_as_many_frames_as_asked(tmp_path, colored):
+    for number in range(3):
+        write_image(tmp_path / f"frame-{number:06d}.depth.png", np.full((H, W), 2007 + number, np.uint16))
+        if colored:
+            write_image(tmp_path / f"frame-{number:06d}.color.png", np.full((H, W, 3), 99, np.uint8))
+        np.savetxt(tmp_path / f"frame-{number:06d}.pose.txt", np.eye(4))
+    np.savetxt(tmp_path / "frame-000003.pose.txt", np.full((4, 4), np.nan))
+    write_image(tmp_path / "frame-000003.depth.png", np.full((H, W), 1900, np.uint16))
+    sequence = read_sequence(tmp_path)
+    for frames in (0, 1, 3):
+        assert len(fused(sequence, Settings(0.025, 4.0, 4.0, frames)).cloud) > 1000
+    with pytest.raises(CloudError, match=r"no point was seen in 4 of its 3 usable frames .*left out: 1 with no pose"):
+        fused(sequence, Settings(0.025, 4.0, 4.0, 4))
+
+
 def test_pictures_of_depth_are_refused(tmp_path, camcorder):
     seven_scenes(
         tmp_path, ((np.clip(depth / 16, 0, 255).astype(np.uint8), *rest) for depth, *rest in camcorder.frames())
@@ -425,12 +442,12 @@ REAL = Path(os.environ.get("PCDBENCH_REAL_DATA", Path(__file__).parents[3] / "sh
 def test_the_kitchen_agrees_with_its_reference_fusion():
     """7-Scenes redkitchen, every fifth of its hundred frames, against the cloud that others fused from 200."""
     full = PointCloud.read(REAL / "redkitchen/clouds/full.ply").points
-    scene = opened(REAL / "redkitchen/rgbd", every=5, voxel_m=0.0125, min_weight=1.0).scene("rgbd")
+    scene = opened(REAL / "redkitchen/rgbd", every=5, voxel_m=0.0125, min_weight=2.0).scene("rgbd")
     distances, _ = nearest(scene.dense.points, full)
     assert np.median(distances[distances < 0.1]) < 0.01 and (distances < 0.1).mean() > 0.95
     distances, _ = nearest(full, scene.dense.points)
     assert np.median(distances[distances < 0.1]) < 0.01 and (distances < 0.1).mean() > 0.85
-    found = opened(REAL / "redkitchen/rgbd", every=5, voxel_m=0.0125, min_weight=1.0)
+    found = opened(REAL / "redkitchen/rgbd", every=5, voxel_m=0.0125, min_weight=2.0)
     sequence = found._sequence("rgbd")
     fused = found._fused("rgbd", None)
     up = up_direction(fused.normals, -fused.T_world_depth[:, :3, 1].mean(axis=0))

@@ -34,7 +34,7 @@ from pcdbench.plugins import did_you_mean
 from pcdbench.scene import Scene
 
 # Raise it whenever fusing gives something else, so that what was fused before is fused again.
-_FUSION = 1
+_FUSION = 2
 # Median depths beyond these are of no room: the depth scale is wrong.
 _NEAREST_M, _FARTHEST_M = 0.2, 20.0
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
@@ -57,7 +57,7 @@ class Rgbd(Dataset):
         voxel_m: float = Field(0.0125, gt=0, description="voxel edge, metres")
         truncation_voxels: float = Field(4.0, ge=1, description="voxels kept on either side of a surface")
         depth_max_m: float = Field(4.0, gt=0, description="depth beyond this is left out, metres")
-        min_weight: float = Field(2.0, ge=0, description="frames that must have seen a point")
+        min_weight: float = Field(3.0, ge=0, description="frames that must have seen a point")
         every: int = Field(1, ge=1, description="take each n-th frame")
         up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = Field(
             "auto", description="the world's up; auto: what a calibration file says, else found from the planes"

@@ -96,14 +96,15 @@ def fused(sequence: Sequence, settings: Settings) -> Fused:
             grid.integrate(blocks, image, picture, intrinsic, intrinsic, extrinsic, *reach)
         poses.append(T_world_depth)
         medians.append(float(np.median(depth[depth > 0])) / sequence.depth_scale)
+    reasons = ", ".join(f"{count} with {reason}" for reason, count in skipped.items())
     if grid is None:
-        reasons = ", ".join(f"{count} with {reason}" for reason, count in skipped.items())
         raise CloudError(f"{sequence.root}: none of its frames can be used ({reasons or 'there are none'})")
-    found = grid.extract_point_cloud(weight_threshold=settings.min_weight)
-    if not len(found.point.positions):
+    found = _points_of(grid, settings.min_weight)
+    if found is None:
         raise CloudError(
-            f"{sequence.root}: no point was seen in {settings.min_weight:g} of its {len(poses)} frames within "
-            f"{settings.depth_max_m:g} m; check depth scale, poses, and the options min_weight and depth_max_m"
+            f"{sequence.root}: no point was seen in {settings.min_weight:g} of its {len(poses)} usable frames within "
+            f"{settings.depth_max_m:g} m{f' (left out: {reasons})' if reasons else ''}; check depth scale, poses, and "
+            "the options min_weight and depth_max_m"
         )
     points = found.point.positions.to(dtype.Float64).numpy()
     normals = found.point.normals.to(dtype.Float64).numpy()
@@ -198,6 +199,18 @@ def _grid(open3d: Any, settings: Settings, is_colored: bool) -> Any:
     return open3d.t.geometry.VoxelBlockGrid(
         names, types, shapes, settings.voxel_m, _BLOCK, _BLOCKS, core.Device("CPU:0")
     )
+
+
+def _points_of(grid: Any, min_weight: float) -> Any:
+    """Open3D's cloud of what at least so many frames saw, None where nothing is."""
+    # Its threshold is exclusive, and weights are whole numbers of frames.
+    threshold = max(min_weight - 0.5, 0.0)
+    try:
+        found = grid.extract_point_cloud(weight_threshold=threshold)
+    except RuntimeError:
+        # What Open3D 0.20 does where a grid without colours has no such point.
+        return None
+    return found if len(found.point.positions) else None
 
 
 def _orthonormal(T: Pose) -> Pose:
