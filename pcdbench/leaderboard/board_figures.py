@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,7 +26,8 @@ _REFERENCE_DASHES = ("-", "--", "-.", ":")
 _REFERENCE_COLOR = "#8c8c8c"
 _SHARES = np.linspace(0.0, 1.0, 201)
 _PANEL_INCHES = (3.3, 2.6)
-_LEGEND_INCHES = 0.6
+_LEGEND_ROW_INCHES = 0.18
+_LEGEND_COLUMN_INCHES = 1.6
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ def _figures(board: Board) -> Iterator[tuple[str, str, Figure]]:
             yield (
                 f"{prefix}distribution_{task}",
                 f"Distributions of {task}{of}",
-                _distributions(metric, samples, styles),
+                _distributions(task, metric, samples, styles),
             )
         yield f"{prefix}time", f"Quality against time{of}", _against_time(board, main, styles)
 
@@ -107,7 +109,7 @@ def _samples(board: Board, data: int) -> Mapping[tuple[str, BoardMetric], Any]:
 def _by_level(main: _Main, styles: Mapping[str, _Style]) -> Figure:
     """A panel a task and incompleteness: the metric's own statistic and its interval, by level."""
     tasks, incompletenesses = _names(main)
-    figure, axes = _panels(len(incompletenesses), len(tasks))
+    figure, axes = _panels(len(incompletenesses), len(tasks), styles)
     for (incompleteness, task), (metric, standings) in main.items():
         panel = axes[incompletenesses.index(incompleteness)][tasks.index(task)]
         for completer, lines in _by_completer(standings).items():
@@ -122,18 +124,18 @@ def _by_level(main: _Main, styles: Mapping[str, _Style]) -> Figure:
                 lw=style.width, marker="o", ms=3, capsize=2, elinewidth=0.7,
             )  # fmt: skip
         panel.set(
-            title=f"{task} · {incompleteness} ({metric.direction} is better)",
+            title=f"{task} · {incompleteness}\n({metric.direction} is better)",
             xlabel="missing (%)",
             ylabel=_axis_label(metric),
         )
     return _with_legend(figure, axes, styles)
 
 
-def _distributions(metric: BoardMetric, panels: Any, styles: Mapping[str, _Style]) -> Figure:
+def _distributions(task: str, metric: BoardMetric, panels: Any, styles: Mapping[str, _Style]) -> Figure:
     """A panel an incompleteness and level: the share of samples that are at most as large, by completer."""
     incompletenesses = list(dict.fromkeys(incompleteness for incompleteness, _ in panels))
     columns = {name: [level for its, level in panels if its == name] for name in incompletenesses}
-    figure, axes = _panels(len(incompletenesses), max(len(levels) for levels in columns.values()))
+    figure, axes = _panels(len(incompletenesses), max(len(levels) for levels in columns.values()), styles)
     for (incompleteness, level), by_completer in panels.items():
         panel = axes[incompletenesses.index(incompleteness)][columns[incompleteness].index(level)]
         for completer in (name for name in styles if name in by_completer):
@@ -146,15 +148,18 @@ def _distributions(metric: BoardMetric, panels: Any, styles: Mapping[str, _Style
         ends = [np.quantile(samples, 0.98) for samples in by_completer.values()]
         if metric.direction == "lower" and max(ends) > 0:
             panel.set_xlim(0, 1.05 * max(ends))
-        panel.set(title=f"{incompleteness}, {level_text(level)} missing", xlabel=_axis_label(metric), ylim=(0, 1))
-        panel.set_ylabel(f"share of samples ({metric.direction} is better)")
+        title = f"{task} · {incompleteness}, {level_text(level)} missing\n({metric.direction} is better)"
+        panel.set(title=title, xlabel=_axis_label(metric), ylim=(0, 1))
+        panel.set_ylabel("share of samples")
     return _with_legend(figure, axes, styles)
 
 
 def _against_time(board: Board, main: _Main, styles: Mapping[str, _Style]) -> Figure:
     """A panel a task and incompleteness, at its middle level: the metric by the seconds of completing."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     tasks, incompletenesses = _names(main)
-    figure, axes = _panels(len(incompletenesses), len(tasks))
+    figure, axes = _panels(len(incompletenesses), len(tasks), styles)
     for (incompleteness, task), (metric, standings) in main.items():
         panel = axes[incompletenesses.index(incompleteness)][tasks.index(task)]
         levels = sorted({its.level for its in standings})
@@ -174,8 +179,14 @@ def _against_time(board: Board, main: _Main, styles: Mapping[str, _Style]) -> Fi
                     marker="o", ms=5, capsize=2, ls="none", elinewidth=0.8, mfc=face,
                 )  # fmt: skip
         panel.set_xscale("log")
+        low, high = panel.get_xlim()
+        middle = math.sqrt(low * high)
+        panel.set_xlim(min(low, middle / 4), max(high, middle * 4))
+        panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=6))
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_formatter(NullFormatter())
         missing = next((its.missing for its in standings if its.level == level), float("nan"))
-        title = f"{task} · {incompleteness}, {level_text(level, missing)} missing ({metric.direction} is better)"
+        title = f"{task} · {incompleteness}, {level_text(level, missing)} missing\n({metric.direction} is better)"
         panel.set(title=title, xlabel="seconds of completing a case (median)", ylabel=_axis_label(metric))
     return _with_legend(figure, axes, styles)
 
@@ -209,20 +220,26 @@ def _axis_label(metric: BoardMetric) -> str:
     return f"{metric.name} ({metric.unit.split(',')[0]})"
 
 
-def _panels(rows: int, columns: int) -> tuple[Figure, list[list[Axes]]]:
+def _panels(rows: int, columns: int, styles: Mapping[str, _Style]) -> tuple[Figure, list[list[Axes]]]:
+    """A figure with room for a legend of all completers below its panels."""
     from matplotlib.figure import Figure
 
-    width, height = _PANEL_INCHES[0] * columns, _PANEL_INCHES[1] * rows + _LEGEND_INCHES
+    legend = 0.2 + _LEGEND_ROW_INCHES * math.ceil(len(styles) / _legend_columns(columns))
+    width, height = _PANEL_INCHES[0] * columns, _PANEL_INCHES[1] * rows + legend
     figure = Figure(figsize=(width, height))
     figure.subplots_adjust(
-        left=0.62 / width,
-        right=1 - 0.08 / width,
-        bottom=(0.42 + _LEGEND_INCHES) / height,
-        top=1 - 0.28 / height,
-        wspace=0.26,
-        hspace=0.38,
+        left=0.6 / width,
+        right=1 - 0.12 / width,
+        bottom=(0.42 + legend) / height,
+        top=1 - 0.42 / height,
+        wspace=0.3,
+        hspace=0.5,
     )
     return figure, [list(row) for row in figure.subplots(rows, columns, squeeze=False)]
+
+
+def _legend_columns(columns: int) -> int:
+    return max(2, round(columns * _PANEL_INCHES[0] / _LEGEND_COLUMN_INCHES))
 
 
 def _with_legend(figure: Figure, axes: Sequence[Sequence[Axes]], styles: Mapping[str, _Style]) -> Figure:
@@ -233,10 +250,13 @@ def _with_legend(figure: Figure, axes: Sequence[Sequence[Axes]], styles: Mapping
             panel.remove()
             continue
         panel.grid(alpha=0.25, lw=0.5)
+        panel.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
+        if panel.get_xscale() == "linear":
+            panel.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
         panel.spines[["top", "right"]].set_visible(False)
         found, labels = panel.get_legend_handles_labels()
         handles |= dict(zip(labels, found, strict=True))
     shown = [label for label in styles if label in handles]
-    columns = min(len(shown), max(2, 2 * len(axes[0])))
+    columns = min(len(shown), _legend_columns(len(axes[0])))
     figure.legend([handles[label] for label in shown], shown, loc="lower center", ncols=columns, frameon=False)
     return figure

@@ -16,7 +16,8 @@ from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
 
 # Machines round differently; what they measure of one key differs by less than this share of the value.
 AGREEMENT = 1e-3
-_DROPPED = ("trace", "detail", "output")
+_DESCRIBED = ("dataset", "incompleteness", "completer", "task")
+_KEPT = ("key", "cell", "scene", "draw", "level", "status", "error", "missing", "completing", "host", "time")
 
 
 @dataclass(frozen=True)
@@ -105,14 +106,26 @@ def _read(folder: Path) -> RunRows:
     facts = read_run(folder)
     if "configuration" not in facts:
         raise PcdbenchError(f"{folder / RUN} has no configuration; run its command again into another folder")
-    rows = read_rows(folder)
-    require_sound_rows(rows, folder / ROWS)
-    for row in rows:
-        for name in _DROPPED:
-            row.pop(name, None)
+    shared: dict[str, Any] = {}
+    rows = []
+    for row in read_rows(folder):
+        require_sound_rows([row], folder / ROWS)
+        rows.append(_slim(row, shared))
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
     return RunRows(folder, facts, rows)
+
+
+def _slim(row: Mapping[str, Any], shared: dict[str, Any]) -> dict[str, Any]:
+    """A row without what boards do not use; what many rows say alike is kept once, in `shared`."""
+    slim = {name: row.get(name) for name in _KEPT}
+    for name in _DESCRIBED:
+        slim[name] = shared.setdefault(repr(row[name]), row[name])
+    slim["metrics"] = {
+        name: {which: value for which, value in metric.items() if which != "labels"}
+        for name, metric in row["metrics"].items()
+    }
+    return slim
 
 
 def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
