@@ -12,6 +12,9 @@ from pcdbench.cloud import PointCloud
 from pcdbench.formats import carries_fields, write_cloud
 from pcdbench.geometry.frames import Frame
 
+# As in the viewer.
+_GREY, _ORANGE = (0.62, 0.65, 0.69), (0.89, 0.42, 0.05)
+
 
 @dataclass(frozen=True, eq=False)
 class Completed:
@@ -45,6 +48,14 @@ class Completed:
 
     def __repr__(self) -> str:
         return f"Completed({int((~self.added).sum()):,} observed and {len(self.spacing_m):,} added points)"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: the cloud as clouds show themselves, upright, what was added in orange."""
+        from pcdbench.viewing.notebook import cloud_html
+
+        colors = np.full(self.cloud.points.shape, _GREY) if self.cloud.colors is None else self.cloud.colors.copy()
+        colors[self.added] = _ORANGE
+        return cloud_html(PointCloud(self.frame.upright(self.cloud.points), colors), repr(self))
 
     @property
     def added_cloud(self) -> PointCloud:

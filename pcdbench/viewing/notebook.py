@@ -20,13 +20,13 @@ _DRAWN_POINTS = 40_000
 _FIGURE_DPI = 100
 
 
-def cloud_html(cloud: PointCloud) -> str:
-    """A cloud from above without its ceiling and at a slant, above its one-line description.
+def cloud_html(cloud: PointCloud, description: str = "") -> str:
+    """A cloud from above without its ceiling and at a slant, above its one-line description (its `repr` unless given).
 
     A picture and no viewer: a notebook may hold dozens of clouds, each would be megabytes and want a graphics
     context. `pcdbench.view(cloud)` turns.
     """
-    caption = f"<figcaption>{escape(repr(cloud))}</figcaption>"
+    caption = f"<figcaption>{escape(description or repr(cloud))}</figcaption>"
     if not len(cloud):
         return f'<figure style="margin:0">{caption}</figure>'
     from pcdbench.leaderboard.picture import at_a_slant, from_above

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+import pcdbench
 from pcdbench import PointCloud, Scene
 from pcdbench.leaderboard.results import Figures
 
@@ -24,6 +25,22 @@ def displayed(value: object) -> dict[str, str]:
     formatters = pytest.importorskip("IPython.core.formatters")
     shown, _ = formatters.DisplayFormatter().format(value)
     return shown
+
+
+@pytest.mark.parametrize("colored", [True, False])
+def test_a_completion_is_pictures_with_what_was_added_in_orange(room: Scene, colored: bool) -> None:
+    class AddsFloor(pcdbench.Completer):
+        def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+            low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+            return PointCloud(np.concatenate([cloud.points, rng.uniform(low, [*high[:2], low[2]], (4000, 3))]))
+
+    cloud = room.complete.select(room.complete.points[:, 2] > 0.05)
+    done = pcdbench.complete(cloud if colored else cloud.without_colors(), AddsFloor())
+    html = displayed(done)["text/html"]
+    assert repr(done) in html
+    above, _ = images(html)
+    orange = (above[..., 0] > above[..., 2] + 0.5) & (above[..., 1] < 0.6)
+    assert orange.mean() > 0.05, "the floor is seen from above"
 
 
 def test_a_cloud_is_two_pictures_and_its_description(room: Scene) -> None:
