@@ -51,6 +51,11 @@ def test_the_order_of_rows_changes_nothing():
     ]
 
 
+def test_rows_are_looked_at_once():
+    rows = [result_row(name, [1.0, 2.0], scene=scene) for scene in "xy" for name in "ab"]
+    assert records(summarize(iter(rows))) == records(summarize(rows))
+
+
 def test_differences_are_paired_by_case():
     rng = np.random.default_rng(0)
     hard = rng.gamma(1.0, 10.0, size=30)

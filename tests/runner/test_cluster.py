@@ -11,7 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from pcdbench.cli import app
 from pcdbench.errors import PcdbenchError
 from pcdbench.plugins import registry
 from pcdbench.runner import cluster as cluster_module
@@ -145,3 +147,22 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
     silent = "tcp://127.0.0.1:9"
     with pytest.raises(PcdbenchError, match=f"no Dask scheduler answers at {silent}"), dask_cluster(silent):
         pass
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--scheduler", "tcp://head:8786"], "--scheduler needs --executor dask"),
+        (
+            ["--executor", "dask", "--scheduler", "tcp://head:8786", "--jobs", "2"],
+            "--jobs does not go with --scheduler",
+        ),
+        (["--executor", "dask", "--jobs", "0"], "--jobs 0 must be at least 1"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(
+    counted_plugins: None, tmp_path: Path, options: list[str], message: str
+) -> None:
+    command = ["run", "--completer", "counted_nothing", "--task", "counted_size", "--dataset", "counted_rooms"]
+    result = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "run"), *options])
+    assert result.exit_code == 2 and message in result.stderr
