@@ -82,6 +82,19 @@ def test_boards_of_old_versions_are_read():
         assert board.cells[0].results["task"].samples and board.runs[0].calibration_seconds == 1.0
 
 
+def test_each_version_is_made_the_next_one(monkeypatch):
+    def renamed(content):
+        assert content["schema_version"] == 1
+        return content | {"schema_version": 2, "name": content["name"] + " of version 2"}
+
+    def renamed_again(content):
+        return content | {"schema_version": 3, "name": content["name"] + " and 3"}
+
+    monkeypatch.setattr("pcdbench.leaderboard.board_file.SCHEMA_VERSION", 3)
+    monkeypatch.setattr("pcdbench.leaderboard.board_file.MIGRATIONS", {1: renamed, 2: renamed_again})
+    assert read_board(OLD / "version_1.json").name == "rooms of version 2 and 3"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
