@@ -151,19 +151,18 @@ class IsolatedWorker:
             attempt.death = self._start(job)
         self._jobs += 1
         for stage in (making, "completing", *["evaluating"] * len(job.tasks)):
-            if attempt.death is not None:
-                self.close()
-                break
-            if len(attempt.rows) == len(job.tasks):
+            if attempt.death is not None or len(attempt.rows) == len(job.tasks):
                 break
             attempt.stage = stage
             answer = self._ask(_step, job if stage == making else None, timeout_seconds=self._limits.timeout_seconds)
             if isinstance(answer, Death):
                 attempt.death = answer
-                continue
-            self._last_scene = scene
-            attempt.facts = answer.facts
-            attempt.rows += answer.rows
+            else:
+                self._last_scene = scene
+                attempt.facts = answer.facts
+                attempt.rows += answer.rows
+        if attempt.death is not None:
+            self.close()
         return attempt
 
     def _start(self, job: Job) -> Death | None:
@@ -183,7 +182,10 @@ class IsolatedWorker:
         limit_gb = self._limits.memory_gb
         over = lost = False
         looks_gone = 0
-        future = self._pool.schedule(function, args=(argument,), timeout=timeout_seconds)
+        try:
+            future = self._pool.schedule(function, args=(argument,), timeout=timeout_seconds)
+        except RuntimeError:
+            return self._death("its worker process ended between two steps", crash=True, worn=self._jobs > 1)
         while not wait([future], _LOOK_EVERY_SECONDS).done:
             self._output.clip()
             if limit_gb is not None and self._pid and resident_bytes(self._pid) > limit_gb * 1e9:

@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner.isolated import IsolatedWorker
 from pcdbench.runner.jobs import Limits
 from pcdbench.runner.plan import Request, plan
-from pcdbench.runner.run import carry_out, local_processes
+from pcdbench.runner.run import carry_out, local_processes, missing_jobs
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 TENTHS = [number / 10 for number in range(1, 10)]
@@ -88,6 +89,24 @@ def test_a_task_costs_its_own_row_and_the_completion_is_not_lost(run_rows):
         assert trouble["points"] == blind["points"], "what was known when it died stays"
         if way:
             assert f"about to {way}" in trouble["output"]
+
+
+def test_a_death_in_the_last_step_of_a_cell_or_after_it_costs_no_other_cell(tmp_path, monkeypatch):
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    options = ["tiny_trouble.how=quit,,linger", "tiny.scenes=1"]
+    planned = plan(replace(TINY, completers=["tiny_fill"], tasks=["tiny_trouble"], levels=TENTHS[:4], options=options))
+    worker = IsolatedWorker(planned.dataset, 1, LIMITS)
+    try:
+        statuses = []
+        for job in missing_jobs(planned, set()):
+            (row,) = worker.rows(job)
+            statuses.append(row["status"])
+            if job.cell.level == 0.3:
+                assert gone_soon(worker._pid)
+                time.sleep(0.5)
+    finally:
+        worker.close()
+    assert statuses == ["failed", "ok", "ok", "ok"]
 
 
 def test_a_scene_that_cannot_be_made_is_not_tried_for_each_of_its_cells(tmp_path, monkeypatch):

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Mapping, Sequence
@@ -74,6 +75,9 @@ def misbehave(how: str) -> None:
             os._exit(0)
         case "quit":
             os._exit(7)
+        case "linger":
+            # Dies between this step and the next.
+            threading.Timer(0.3, ctypes.string_at, args=(0,)).start()
         case "kill":
             os.kill(os.getpid(), signal.SIGKILL)
         case "hang":
