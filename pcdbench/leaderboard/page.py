@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board
     from pcdbench.leaderboard.case_clouds import CaseClouds
 
-_SCRIPTS = ("elements.js", "board.js", "choice.js", "axes.js", "figures.js", "tables.js", "rows.js", "main.js")
+_SCRIPTS = (
+    *("elements.js", "board.js", "choice.js", "axes.js", "figures.js"),
+    *("ranges.js", "tables.js", "rows.js", "one_case.js", "main.js"),
+)
 _REASONS_SHOWN = 20
 
 

@@ -1,7 +1,8 @@
 // The board's data: what pcdbench/leaderboard/page_data.py packed, and where each number of it lies.
 
 const STATISTICS = { median: "median", p90: "90th percentile", mean: "mean" };
-const OK = 0, STATUSES = ["ok", "failed", "timed out", "skipped", "not run"];
+const OK = 0,
+  STATUSES = ["ok", "failed", "timed out", "skipped", "not run"];
 
 class Board {
   constructor(data) {
@@ -21,7 +22,9 @@ class Board {
     this.seconds = floatsOf(data.seconds);
     this.memory = floatsOf(data.memory_mb);
     this.caseSeconds = shortFloatsOf(data.case_seconds);
-    this.casesOf_ = this.settings.map((_, setting) => [...this.caseSetting.keys()].filter((i) => this.caseSetting[i] === setting));
+    this.casesOf_ = this.settings.map((_, setting) =>
+      [...this.caseSetting.keys()].filter((i) => this.caseSetting[i] === setting),
+    );
     this.colored = this.completers.map((_, i) => i).filter((i) => !this.completers[i].role);
   }
 
@@ -32,10 +35,15 @@ class Board {
 
   /** A statistic with its interval, counts and rank. */
   result(setting, metric, completer, statistic) {
-    const group = this.group(setting, metric, completer), three = this.estimates[statistic];
+    const group = this.group(setting, metric, completer),
+      three = this.estimates[statistic];
     return {
-      value: three[3 * group], low: three[3 * group + 1], high: three[3 * group + 2],
-      cases: this.casesOf[group], failed: this.failedOf[group], skipped: this.skippedOf[group],
+      value: three[3 * group],
+      low: three[3 * group + 1],
+      high: three[3 * group + 2],
+      cases: this.casesOf[group],
+      failed: this.failedOf[group],
+      skipped: this.skippedOf[group],
       rank: this.ranksOf[group] || null,
     };
   }
@@ -45,9 +53,10 @@ class Board {
     return { seconds: this.seconds[at], memory: this.memory[at] };
   }
 
-  /** The quantiles of a group at evenly spread shares, the least and the greatest included; null where it has no samples. */
+  /** The quantiles of a group at evenly spread shares, the least and the greatest too; null where there is none. */
   curve(setting, metric, completer) {
-    const steps = this.curve_steps + 1, start = this.group(setting, metric, completer) * steps;
+    const steps = this.curve_steps + 1,
+      start = this.group(setting, metric, completer) * steps;
     const found = this.curves.subarray(start, start + steps);
     return Number.isNaN(found[0]) ? null : found;
   }
@@ -75,22 +84,28 @@ class Board {
   samples(metric, which, completer) {
     if (!this.samples_of[metric]) return null;
     if (!this.unpacked.has(metric)) {
-      const { counts, values } = this.samples_of[metric], sizes = shortsOf(counts), starts = new Uint32Array(sizes.length + 1);
+      const { counts, values } = this.samples_of[metric],
+        sizes = shortsOf(counts),
+        starts = new Uint32Array(sizes.length + 1);
       for (let i = 0; i < sizes.length; i++) starts[i + 1] = starts[i] + sizes[i];
       this.unpacked.set(metric, { starts, values: shortFloatsOf(values) });
     }
-    const { starts, values } = this.unpacked.get(metric), at = which * this.completers.length + completer;
+    const { starts, values } = this.unpacked.get(metric),
+      at = which * this.completers.length + completer;
     return values.subarray(starts[at], starts[at + 1]);
   }
 
   settingOf(dataset, incompleteness, level) {
-    return this.settings.findIndex((its) => its.dataset === dataset && its.incompleteness === incompleteness && its.level === level);
+    return this.settings.findIndex(
+      (its) => its.dataset === dataset && its.incompleteness === incompleteness && its.level === level,
+    );
   }
 
   /** The settings that differ from this one in their level alone, by level. */
   levelsBeside(setting) {
     const { dataset, incompleteness } = this.settings[setting];
-    return this.settings.map((_, i) => i)
+    return this.settings
+      .map((_, i) => i)
       .filter((i) => this.settings[i].dataset === dataset && this.settings[i].incompleteness === incompleteness)
       .sort((a, b) => this.settings[a].level - this.settings[b].level);
   }
@@ -113,17 +128,27 @@ class Board {
   /** The scene of a case, and what else tells it from the others of the board. */
   caseText(which) {
     const draw = this.drawsVary() ? ` · draw ${this.caseDraw[which]}` : "";
-    return this.scenes[this.caseScene[which]] + draw + (this.seeds.length > 1 ? ` · seed ${this.seeds[this.caseSeed[which]]}` : "");
+    return (
+      this.scenes[this.caseScene[which]] +
+      draw +
+      (this.seeds.length > 1 ? ` · seed ${this.seeds[this.caseSeed[which]]}` : "")
+    );
   }
 
   drawsVary() {
     return (this.varying ??= this.caseDraw.some((draw) => draw !== this.caseDraw[0]));
   }
 
-  /** A class for the colour of a completer, the dashes of its lines and the shape of its marks: no two share all three. */
+  /** The class of a completer's colour, the dashes of its lines, the shape of its marks; no two share all three. */
   look(completer) {
-    const { role } = this.completers[completer], place = this.colored.indexOf(completer);
-    if (role) return { ink: "ink-reference", dash: { truth: "", ceiling: "7 3", floor: "2 3" }[role] ?? "9 2 2 2", shape: 0 };
-    return { ink: `ink-${place % 7}`, dash: ["", "7 3", "2 3"][Math.floor(place / 7) % 3], shape: Math.floor(place / 7) % 3 };
+    const { role } = this.completers[completer],
+      place = this.colored.indexOf(completer);
+    if (role)
+      return { ink: "ink-reference", dash: { truth: "", ceiling: "7 3", floor: "2 3" }[role] ?? "9 2 2 2", shape: 0 };
+    return {
+      ink: `ink-${place % 7}`,
+      dash: ["", "7 3", "2 3"][Math.floor(place / 7) % 3],
+      shape: Math.floor(place / 7) % 3,
+    };
   }
 }

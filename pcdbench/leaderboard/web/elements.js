@@ -12,7 +12,9 @@ function filled(element, attributes = {}, children = []) {
     if (typeof value === "function") element.addEventListener(name, value);
     else element.setAttribute(name, value === true ? "" : value);
   }
-  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+  element.append(
+    ...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false),
+  );
   return element;
 }
 
@@ -40,7 +42,8 @@ function seconds(value) {
 const megabytes = (value) => (Number.isFinite(value) ? `${value < 10 ? value.toFixed(1) : value.toFixed(0)} MB` : "–");
 
 function bytesOf(text) {
-  const binary = atob(text), found = new Uint8Array(binary.length);
+  const binary = atob(text),
+    found = new Uint8Array(binary.length);
   for (let i = 0; i < binary.length; i++) found[i] = binary.charCodeAt(i);
   return found;
 }
@@ -50,7 +53,10 @@ const shortsOf = (text) => new Uint16Array(bytesOf(text).buffer);
 
 /** The upper three bytes of each float32: five digits, a quarter less to carry. */
 function shortFloatsOf(text) {
-  const packed = bytesOf(text), count = packed.length / 3, words = new Uint32Array(count);
-  for (let i = 0; i < count; i++) words[i] = (packed[3 * i] << 8) | (packed[3 * i + 1] << 16) | (packed[3 * i + 2] << 24);
+  const packed = bytesOf(text),
+    count = packed.length / 3,
+    words = new Uint32Array(count);
+  for (let i = 0; i < count; i++)
+    words[i] = (packed[3 * i] << 8) | (packed[3 * i + 1] << 16) | (packed[3 * i + 2] << 24);
   return new Float32Array(words.buffer);
 }

@@ -1,4 +1,4 @@
-// Where numbers lead: the rows of a completer, one of them with all that it holds, and one case with its clouds.
+// Where numbers lead: the rows of a completer, and one of them with all that it holds.
 
 const LISTED_SAMPLES = 60;
 
@@ -12,7 +12,8 @@ class Rows {
   }
 
   draw() {
-    const { choice, dialog } = this, wanted = choice.open !== null && choice.metric !== null;
+    const { choice, dialog } = this,
+      wanted = choice.open !== null && choice.metric !== null;
     if (!wanted) return dialog.open ? dialog.close() : undefined;
     const kept = dialog.open ? dialog.scrollTop : 0;
     dialog.replaceChildren(...this.content());
@@ -22,123 +23,200 @@ class Rows {
   }
 
   content() {
-    const { board, choice } = this, { setting, metric, task, open } = choice;
-    const completer = board.completers[open], { name, unit, direction } = board.metrics[metric], its = board.settings[setting];
-    const heading = el("header", {},
-      el("h2", {}, isolated(completer.name), " ", el("span", { class: "quiet" }, isolated(board.tasks[task].name), " · ", isolated(name), " · ",
-        isolated(board.incompletenesses[its.incompleteness]), ` ${board.levelText(setting)}`)),
-      el("button", { type: "button", "aria-label": "Close", click: () => this.dialog.close() }, "Close"));
-    const estimates = el("p", {}, Object.entries(STATISTICS).map(([key, title], i) => [i ? " · " : "", `${title} `, el("strong", {}, estimateText(board.result(setting, metric, open, key), unit))]));
-    const facts = el("dl", { class: "facts" }, completer.facts.map(([term, text]) => [el("dt", {}, term), el("dd", {}, isolated(text))]),
-      completer.flags.map((flag) => [el("dt", {}, el("span", { class: "flag" }, flag.text)), el("dd", {}, isolated(flag.why))]));
+    const { board, choice } = this,
+      { setting, metric, task, open } = choice;
+    const completer = board.completers[open],
+      { name, unit, direction } = board.metrics[metric],
+      its = board.settings[setting];
+    const heading = el(
+      "header",
+      {},
+      el(
+        "h2",
+        {},
+        isolated(completer.name),
+        " ",
+        el(
+          "span",
+          { class: "quiet" },
+          isolated(board.tasks[task].name),
+          " · ",
+          isolated(name),
+          " · ",
+          isolated(board.incompletenesses[its.incompleteness]),
+          ` ${board.levelText(setting)}`,
+        ),
+      ),
+      el("button", { type: "button", "aria-label": "Close", click: () => this.dialog.close() }, "Close"),
+    );
+    const estimates = el(
+      "p",
+      {},
+      Object.entries(STATISTICS).map(([key, title], i) => [
+        i ? " · " : "",
+        `${title} `,
+        el("strong", {}, estimateText(board.result(setting, metric, open, key), unit)),
+      ]),
+    );
+    const facts = el(
+      "dl",
+      { class: "facts" },
+      completer.facts.map(([term, text]) => [el("dt", {}, term), el("dd", {}, isolated(text))]),
+      completer.flags.map((flag) => [
+        el("dt", {}, el("span", { class: "flag" }, flag.text)),
+        el("dd", {}, isolated(flag.why)),
+      ]),
+    );
     const worse = direction === "lower" ? -1 : 1;
-    const lines = board.casesIn(setting).map((which) => ({ which, value: board.value(metric, which, open), row: board.row(which, open, task) }))
+    const lines = board
+      .casesIn(setting)
+      .map((which) => ({ which, value: board.value(metric, which, open), row: board.row(which, open, task) }))
       .filter(({ row }) => row.status !== STATUSES.indexOf("not run"));
     // What failed is worse than any number.
     const measured = (line) => (Number.isNaN(line.value) ? -worse * Infinity : line.value);
-    if (this.sort === "worst") lines.sort((a, b) => Number(b.row.status !== OK) - Number(a.row.status !== OK) || worse * (measured(a) - measured(b) || 0));
-    const sorts = el("p", { class: "sorts" }, `${counted(lines.length, "row")}, ordered by `, ["worst", "case"].map((key) =>
-      el("button", { type: "button", "aria-pressed": String(this.sort === key), click: () => { this.sort = key; this.draw(); } }, { worst: "worst first", case: "case" }[key])));
-    return [heading, estimates, facts, sorts, el("div", { class: "lines" }, lines.map((line) => this.line(line, metric, open)))];
+    if (this.sort === "worst")
+      lines.sort(
+        (a, b) => Number(b.row.status !== OK) - Number(a.row.status !== OK) || worse * (measured(a) - measured(b) || 0),
+      );
+    const sorts = el(
+      "p",
+      { class: "sorts" },
+      `${counted(lines.length, "row")}, ordered by `,
+      ["worst", "case"].map((key) =>
+        el(
+          "button",
+          {
+            type: "button",
+            "aria-pressed": String(this.sort === key),
+            click: () => {
+              this.sort = key;
+              this.draw();
+            },
+          },
+          { worst: "worst first", case: "case" }[key],
+        ),
+      ),
+    );
+    return [
+      heading,
+      estimates,
+      facts,
+      sorts,
+      el(
+        "div",
+        { class: "lines" },
+        lines.map((line) => this.line(line, metric, open)),
+      ),
+    ];
   }
 
   line({ which, value, row }, metric, completer) {
-    const { board, choice } = this, opened = choice.case === which, { unit } = board.metrics[metric];
-    const head = el("button", { type: "button", class: "line-head", "aria-expanded": String(opened), click: () => choice.set({ case: opened ? null : which }) },
+    const { board, choice } = this,
+      opened = choice.case === which,
+      { unit } = board.metrics[metric];
+    const head = el(
+      "button",
+      {
+        type: "button",
+        class: "line-head",
+        "aria-expanded": String(opened),
+        click: () => choice.set({ case: opened ? null : which }),
+      },
       el("span", { class: "case" }, isolated(board.caseText(which))),
-      row.status === OK ? el("span", { class: "number" }, number(value, unit)) : el("span", { class: "lost" }, STATUSES[row.status]),
-      el("code", {}, row.key));
-    return el("div", { class: opened ? "line open" : "line" }, head, opened && this.detail(which, row, metric, completer));
+      row.status === OK
+        ? el("span", { class: "number" }, number(value, unit))
+        : el("span", { class: "lost" }, STATUSES[row.status]),
+      el("code", {}, row.key),
+    );
+    return el(
+      "div",
+      { class: opened ? "line open" : "line" },
+      head,
+      opened && this.detail(which, row, metric, completer),
+    );
   }
 
   detail(which, row, metric, completer) {
-    const { board, choice } = this, { unit } = board.metrics[metric], samples = board.samples(metric, which, completer);
+    const { board, choice } = this,
+      { unit } = board.metrics[metric],
+      samples = board.samples(metric, which, completer);
     const parts = [];
     if (row.reason) parts.push(el("p", {}, `${STATUSES[row.status]}: `, isolated(row.reason)));
     if (samples?.length > 1) {
       const sorted = [...samples].sort((a, b) => a - b);
-      parts.push(strip(sorted), el("p", { class: "samples" }, `${samples.length} samples, by size: ${sorted.slice(0, LISTED_SAMPLES).map((one) => number(one, unit)).join("  ")}${sorted.length > LISTED_SAMPLES ? " …" : ""}`));
-    } else if (row.status === OK && !samples) parts.push(el("p", { class: "quiet" }, "The single samples are left out of this page for its size; leaderboard.json has them."));
+      parts.push(
+        strip(sorted),
+        el(
+          "p",
+          { class: "samples" },
+          `${samples.length} samples, by size: ${sorted
+            .slice(0, LISTED_SAMPLES)
+            .map((one) => number(one, unit))
+            .join("  ")}${sorted.length > LISTED_SAMPLES ? " …" : ""}`,
+        ),
+      );
+    } else if (row.status === OK && !samples)
+      parts.push(
+        el(
+          "p",
+          { class: "quiet" },
+          "The single samples are left out of this page for its size; leaderboard.json has them.",
+        ),
+      );
     const took = board.secondsOf(which, completer);
     if (Number.isFinite(took)) parts.push(el("p", { class: "quiet" }, `completed in ${seconds(took)}`));
-    parts.push(el("p", { class: "quiet" }, "key of the row: ", el("code", {}, `${row.key}…`), "; to make this case and its completions again, and see them:"), command(board, row.key),
-      el("p", {}, el("button", { type: "button", click: () => { choice.set({ open: null, case: which }); document.querySelector("#case").scrollIntoView(); } }, "All completers on this case")));
+    parts.push(
+      el(
+        "p",
+        { class: "quiet" },
+        "key of the row: ",
+        el("code", {}, `${row.key}…`),
+        "; to make this case and its completions again, and see them:",
+      ),
+      command(board, row.key),
+      el(
+        "p",
+        {},
+        el(
+          "button",
+          {
+            type: "button",
+            click: () => {
+              choice.set({ open: null, case: which });
+              document.querySelector("#case").scrollIntoView();
+            },
+          },
+          "All completers on this case",
+        ),
+      ),
+    );
     return el("div", { class: "detail" }, parts);
-  }
-}
-
-/** One case: what each completer scored on it, and its clouds side by side where the page holds them. */
-class OneCase {
-  constructor(board, choice) {
-    Object.assign(this, { board, choice, shown: null, seen: false });
-    this.select = document.querySelector("[data-choice='case']");
-    this.table = document.querySelector("[data-place='case']");
-    this.clouds = document.querySelector("[data-place='clouds']");
-    this.select.addEventListener("change", () => choice.set({ case: Number(this.select.value) }));
-    // Clouds are decoded when they come near, so that opening the page waits for none.
-    new IntersectionObserver((entries) => {
-      if (!this.seen && entries.some((entry) => entry.isIntersecting)) { this.seen = true; this.draw(); }
-    }, { rootMargin: "400px" }).observe(this.clouds);
-  }
-
-  get which() {
-    const its = this.board.casesIn(this.choice.setting);
-    return this.choice.case ?? its.find((i) => this.board.clouds[i]) ?? its[0] ?? null;
-  }
-
-  drawChoice() {
-    const { board, choice } = this;
-    this.select.replaceChildren(...board.casesIn(choice.setting).map((i) => el("option", { value: i }, board.caseText(i) + (board.clouds[i] ? " (with clouds)" : ""))));
-  }
-
-  draw() {
-    const { which } = this;
-    if (which === null) return;
-    this.select.value = String(which);
-    this.table.replaceChildren(this.scores(which));
-    this.drawClouds(which);
-  }
-
-  scores(which) {
-    const { board, choice } = this, columns = board.tasks.map((its, task) => [task, board.mainMetric(task)]).filter(([, metric]) => metric !== undefined);
-    return el("table", { class: "overview" }, el("caption", { class: "quiet" }, "The case alone: the mean of its samples, of each task's main metric"),
-      el("thead", {}, el("tr", {}, el("th", { scope: "col", class: "name" }, "completer"), columns.map(([task, metric]) =>
-        el("th", { scope: "col", class: "value" }, isolated(board.tasks[task].name), el("span", { class: "under" }, isolated(board.metrics[metric].name)))))),
-      el("tbody", {}, choice.shown.map((completer) => el("tr", { "data-completer": completer },
-        el("th", { scope: "row", class: "name" }, swatch(board.look(completer)), isolated(board.completers[completer].name)),
-        columns.map(([task, metric]) => {
-          const row = board.row(which, completer, task), value = board.value(metric, which, completer);
-          return el("td", { class: "value" }, row.status !== STATUSES.indexOf("not run") && el("button", { type: "button", class: "number", click: () => choice.set({ task, metric, case: which, open: completer }) },
-            row.status === OK ? number(value, board.metrics[metric].unit) : el("span", { class: "lost" }, STATUSES[row.status])));
-        })))));
-  }
-
-  drawClouds(which) {
-    const { board, choice } = this, held = board.clouds[which];
-    if (!held) {
-      const row = board.completers.map((_, i) => board.row(which, i, 0)).find((its) => its.status === OK) ?? board.row(which, 0, 0);
-      this.clouds.replaceChildren(el("p", { class: "quiet" }, "This page holds the clouds of a few cases only, those marked above. To make this one again and see it:"), command(board, row.key));
-      this.shown = null;
-      return;
-    }
-    if (!this.seen) return;
-    const other = this.shown !== which;
-    if (other) this.clouds.replaceChildren(document.getElementById(`clouds-${which}`).content.cloneNode(true));
-    this.clouds.querySelectorAll(".panel").forEach((panel, i) => { panel.hidden = choice.hidden.has(held[i]); });
-    if (other) document.dispatchEvent(new Event("pcdbench-viewers"));
-    this.shown = which;
   }
 }
 
 /** Samples as strokes on a line, from the least to the greatest. */
 function strip(sorted) {
   const its = scale(sorted[0], sorted.at(-1), 4, 596);
-  return svg("svg", { class: "strip", viewBox: "0 0 600 22", role: "img", "aria-label": "the samples on a line" }, svg("path", { d: "M4 11H596" }),
-    sorted.map((value) => svg("path", { class: "stroke", d: `M${its.at(value).toFixed(1)} 4v14` })));
+  return svg(
+    "svg",
+    { class: "strip", viewBox: "0 0 600 22", role: "img", "aria-label": "the samples on a line" },
+    svg("path", { d: "M4 11H596" }),
+    sorted.map((value) => svg("path", { class: "stroke", d: `M${its.at(value).toFixed(1)} 4v14` })),
+  );
 }
 
 function command(board, key) {
   const text = `${board.case_command} ${key}`;
-  const copied = el("button", { type: "button", click: () => navigator.clipboard?.writeText(text).then(() => { copied.textContent = "Copied"; }) }, "Copy");
+  const copied = el(
+    "button",
+    {
+      type: "button",
+      click: () =>
+        navigator.clipboard?.writeText(text).then(() => {
+          copied.textContent = "Copied";
+        }),
+    },
+    "Copy",
+  );
   return el("div", { class: "command" }, el("code", {}, text), copied);
 }

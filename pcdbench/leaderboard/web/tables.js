@@ -12,7 +12,8 @@ class Tables {
 
   /** Methods in the chosen order between the references: truth and ceiling above, the floor below. */
   parts(columns, first) {
-    const { board, choice } = this, shown = choice.shown;
+    const { board, choice } = this,
+      shown = choice.shown;
     const [wanted, descending] = choice.sort.startsWith("-") ? [choice.sort.slice(1), true] : [choice.sort, false];
     const column = columns.find((its) => its.key === wanted) ?? columns.find((its) => its.key === first);
     const order = (a, b) => {
@@ -30,33 +31,85 @@ class Tables {
   }
 
   table(caption, columns, first, kind) {
-    const { choice } = this, sorted = choice.sort.replace("-", "") || first;
+    const { choice } = this,
+      sorted = choice.sort.replace("-", "") || first;
     const head = columns.map((column) => {
-      const on = column.key === sorted, down = choice.sort.startsWith("-");
+      const on = column.key === sorted,
+        down = choice.sort.startsWith("-");
       const next = on ? (down ? column.key : `-${column.key}`) : column.key;
       const inside = column.sort
-        ? el("button", { type: "button", "data-sort": column.key, click: () => choice.set({ sort: next }) }, column.title, el("span", { class: "way", "aria-hidden": "true" }, on ? (down ? " ▾" : " ▴") : ""))
+        ? el(
+            "button",
+            { type: "button", "data-sort": column.key, click: () => choice.set({ sort: next }) },
+            column.title,
+            el("span", { class: "way", "aria-hidden": "true" }, on ? (down ? " ▾" : " ▴") : ""),
+          )
         : column.title;
-      return el("th", { scope: "col", role: "columnheader", class: column.class, "aria-sort": on ? (down ? "descending" : "ascending") : null }, inside, column.under?.());
+      return el(
+        "th",
+        {
+          scope: "col",
+          role: "columnheader",
+          class: column.class,
+          "aria-sort": on ? (down ? "descending" : "ascending") : null,
+        },
+        inside,
+        column.under?.(),
+      );
     });
     const bodies = this.parts(columns, first).map((part) =>
-      el("tbody", { class: part.kind, role: "rowgroup" }, part.its.map((completer) =>
-        el("tr", {
-          role: "row", "data-completer": completer,
-          pointerenter: () => this.lit(completer), pointerleave: () => this.lit(null),
-        }, columns.map((column) => el(column.heads ? "th" : "td", { class: column.class, role: column.heads ? "rowheader" : "cell", scope: column.heads ? "row" : null }, column.cell(completer)))))));
-    return el("table", { class: kind, role: "table" }, el("caption", {}, caption), el("thead", { role: "rowgroup" }, el("tr", { role: "row" }, head)), bodies);
+      el(
+        "tbody",
+        { class: part.kind, role: "rowgroup" },
+        part.its.map((completer) =>
+          el(
+            "tr",
+            {
+              role: "row",
+              "data-completer": completer,
+              pointerenter: () => this.lit(completer),
+              pointerleave: () => this.lit(null),
+            },
+            columns.map((column) =>
+              el(
+                column.heads ? "th" : "td",
+                { class: column.class, role: column.heads ? "rowheader" : "cell", scope: column.heads ? "row" : null },
+                column.cell(completer),
+              ),
+            ),
+          ),
+        ),
+      ),
+    );
+    return el(
+      "table",
+      { class: kind, role: "table" },
+      el("caption", {}, caption),
+      el("thead", { role: "rowgroup" }, el("tr", { role: "row" }, head)),
+      bodies,
+    );
   }
 
   completerColumn() {
     const { board } = this;
     return {
-      key: "name", title: "completer", class: "name", heads: true, sort: (i) => board.completers[i].name,
+      key: "name",
+      title: "completer",
+      class: "name",
+      heads: true,
+      sort: (i) => board.completers[i].name,
       cell: (i) => {
-        const its = board.completers[i], look = board.look(i);
+        const its = board.completers[i],
+          look = board.look(i);
         return [
-          swatch(look), isolated(its.name),
-          its.role && el("span", { class: "role" }, { truth: "the truth", ceiling: "the ceiling", floor: "the floor", reference: "reference" }[its.role]),
+          swatch(look),
+          isolated(its.name),
+          its.role &&
+            el(
+              "span",
+              { class: "role" },
+              { truth: "the truth", ceiling: "the ceiling", floor: "the floor", reference: "reference" }[its.role],
+            ),
           its.flags.map((flag) => el("span", { class: "flag", title: flag.why }, flag.text)),
         ];
       },
@@ -64,94 +117,144 @@ class Tables {
   }
 
   ranking() {
-    const { board, choice } = this, { setting, metric } = choice, its = board.metrics[metric], chosen = choice.statisticOf(metric);
+    const { board, choice } = this,
+      { setting, metric } = choice,
+      its = board.metrics[metric],
+      chosen = choice.statisticOf(metric);
     const of = (completer, statistic = chosen) => board.result(setting, metric, completer, statistic);
     const better = (value) => (its.direction === "lower" ? value : -value);
-    const range = this.range(choice.shown.map((i) => ({ role: board.completers[i].role, ...of(i) })));
+    const range = rangesOf(choice.shown.map((i) => ({ role: board.completers[i].role, ...of(i) })));
     const columns = [
       { key: "rank", title: "rank", class: "rank", sort: (i) => of(i).rank, cell: (i) => of(i).rank ?? "" },
       this.completerColumn(),
       { key: "plot", title: "", class: "plot", under: range.axis, cell: (i) => range.bar(of(i), board.look(i)) },
       {
-        key: "value", title: `${STATISTICS[chosen]} [95 %]`, class: "value", sort: (i) => better(of(i).value),
+        key: "value",
+        title: `${STATISTICS[chosen]} [95 %]`,
+        class: "value",
+        sort: (i) => better(of(i).value),
         cell: (i) => this.link(i, estimateNodes(of(i), its.unit), `rows of ${board.completers[i].name}`),
       },
-      ...Object.keys(STATISTICS).filter((name) => name !== chosen).map((name) => ({
-        key: name, title: STATISTICS[name], class: "other", sort: (i) => better(of(i, name).value), cell: (i) => number(of(i, name).value, its.unit),
-      })),
-      { key: "cases", title: "cases", class: "cases", sort: (i) => -of(i).cases, cell: (i) => this.casesText(i, of(i)) },
-      { key: "seconds", title: "time", class: "cost", sort: (i) => board.cost(setting, i).seconds, cell: (i) => (board.completers[i].role ? "" : seconds(board.cost(setting, i).seconds)) },
-      { key: "memory", title: "memory", class: "cost", sort: (i) => board.cost(setting, i).memory, cell: (i) => (board.completers[i].role ? "" : megabytes(board.cost(setting, i).memory)) },
+      ...Object.keys(STATISTICS)
+        .filter((name) => name !== chosen)
+        .map((name) => ({
+          key: name,
+          title: STATISTICS[name],
+          class: "other",
+          sort: (i) => better(of(i, name).value),
+          cell: (i) => number(of(i, name).value, its.unit),
+        })),
+      {
+        key: "cases",
+        title: "cases",
+        class: "cases",
+        sort: (i) => -of(i).cases,
+        cell: (i) => this.casesText(i, of(i)),
+      },
+      {
+        key: "seconds",
+        title: "time",
+        class: "cost",
+        sort: (i) => board.cost(setting, i).seconds,
+        cell: (i) => (board.completers[i].role ? "" : seconds(board.cost(setting, i).seconds)),
+      },
+      {
+        key: "memory",
+        title: "memory",
+        class: "cost",
+        sort: (i) => board.cost(setting, i).memory,
+        cell: (i) => (board.completers[i].role ? "" : megabytes(board.cost(setting, i).memory)),
+      },
     ];
-    return this.table([el("strong", {}, isolated(board.tasks[choice.task].name), " · ", isolated(its.name)),
-      ` ${its.unit ? `${its.unit}; ` : ""}${its.direction} is better`], columns, "rank", "ranking");
+    return this.table(
+      [
+        el("strong", {}, isolated(board.tasks[choice.task].name), " · ", isolated(its.name)),
+        ` ${its.unit ? `${its.unit}; ` : ""}${its.direction} is better`,
+      ],
+      columns,
+      "rank",
+      "ranking",
+    );
   }
 
   overview() {
-    const { board, choice } = this, { setting } = choice;
+    const { board, choice } = this,
+      { setting } = choice;
     const metrics = board.tasks.map((_, task) => board.mainMetric(task));
     const of = (completer, metric) => board.result(setting, metric, completer, choice.statisticOf(metric));
     const meanRank = (i) => {
       const ranks = metrics.map((metric) => of(i, metric).rank).filter((rank) => rank !== null);
-      return ranks.length === metrics.filter((metric) => board.colored.some((j) => of(j, metric).rank)).length ? ranks.reduce((sum, rank) => sum + rank, 0) / ranks.length : null;
+      return ranks.length === metrics.filter((metric) => board.colored.some((j) => of(j, metric).rank)).length
+        ? ranks.reduce((sum, rank) => sum + rank, 0) / ranks.length
+        : null;
     };
     const columns = [
       this.completerColumn(),
-      { key: "mean rank", title: "mean rank", class: "rank", sort: meanRank, cell: (i) => (meanRank(i) === null ? "" : meanRank(i).toFixed(1)) },
+      {
+        key: "mean rank",
+        title: "mean rank",
+        class: "rank",
+        sort: meanRank,
+        cell: (i) => (meanRank(i) === null ? "" : meanRank(i).toFixed(1)),
+      },
       ...metrics.map((metric, task) => ({
-        key: `task ${board.tasks[task].name}`, class: "value", sort: (i) => (board.metrics[metric].direction === "lower" ? 1 : -1) * of(i, metric).value,
-        title: [el("span", { class: "task" }, isolated(board.tasks[task].name)), el("span", { class: "under" }, [`${STATISTICS[choice.statisticOf(metric)]} `, isolated(board.metrics[metric].name), ` ${board.metrics[metric].direction === "lower" ? "↓" : "↑"}`])],
+        key: `task ${board.tasks[task].name}`,
+        class: "value",
+        sort: (i) => (board.metrics[metric].direction === "lower" ? 1 : -1) * of(i, metric).value,
+        title: [
+          el("span", { class: "task" }, isolated(board.tasks[task].name)),
+          el("span", { class: "under" }, [
+            `${STATISTICS[choice.statisticOf(metric)]} `,
+            isolated(board.metrics[metric].name),
+            ` ${board.metrics[metric].direction === "lower" ? "↓" : "↑"}`,
+          ]),
+        ],
         cell: (i) => {
           const its = of(i, metric);
-          return el("button", { type: "button", class: `number${its.rank === 1 ? " best" : ""}`, title: estimateText(its, board.metrics[metric].unit), click: () => this.choice.set({ task, metric, sort: "", open: i }) },
-            number(its.value, board.metrics[metric].unit), its.rank && el("span", { class: "place" }, `#${its.rank}`), its.failed > 0 && el("span", { class: "lost" }, `${its.failed} failed`));
+          return el(
+            "button",
+            {
+              type: "button",
+              class: `number${its.rank === 1 ? " best" : ""}`,
+              title: estimateText(its, board.metrics[metric].unit),
+              click: () => this.choice.set({ task, metric, sort: "", open: i }),
+            },
+            number(its.value, board.metrics[metric].unit),
+            its.rank && el("span", { class: "place" }, `#${its.rank}`),
+            its.failed > 0 && el("span", { class: "lost" }, `${its.failed} failed`),
+          );
         },
       })),
-      { key: "seconds", title: "time", class: "cost", sort: (i) => board.cost(setting, i).seconds, cell: (i) => (board.completers[i].role ? "" : seconds(board.cost(setting, i).seconds)) },
+      {
+        key: "seconds",
+        title: "time",
+        class: "cost",
+        sort: (i) => board.cost(setting, i).seconds,
+        cell: (i) => (board.completers[i].role ? "" : seconds(board.cost(setting, i).seconds)),
+      },
     ];
-    return el("div", { class: "scrolls", tabindex: 0, role: "region", "aria-label": "All tasks" }, this.table("All tasks, each by its main metric; ↓ lower is better, ↑ higher is better", columns, "mean rank", "overview"));
+    return el(
+      "div",
+      { class: "scrolls", tabindex: 0, role: "region", "aria-label": "All tasks" },
+      this.table(
+        "All tasks, each by its main metric; ↓ lower is better, ↑ higher is better",
+        columns,
+        "mean rank",
+        "overview",
+      ),
+    );
   }
 
   link(completer, inside, name) {
-    return el("button", { type: "button", class: "number", title: name, click: () => this.choice.set({ open: completer }) }, inside);
+    return el(
+      "button",
+      { type: "button", class: "number", title: name, click: () => this.choice.set({ open: completer }) },
+      inside,
+    );
   }
 
   casesText(completer, { cases, failed, skipped }) {
     const lost = [failed && `${failed} failed`, skipped && `${skipped} skipped`].filter(Boolean);
     return [String(cases), lost.length > 0 && el("span", { class: "lost" }, lost.join(", "))];
   }
-
-  /** Bars on one axis for a column: a dot, its interval, and lines where ceiling and floor are. */
-  range(results) {
-    const all = results.flatMap((its) => [its.value, its.low, its.high]).filter(Number.isFinite);
-    const positive = all.filter((value) => value > 0), high = Math.max(...all), least = Math.min(...positive);
-    const logarithmic = positive.length > 0 && Math.min(...all) >= 0 && high / least > 40;
-    let low = logarithmic ? least / 1.3 : Math.min(...all);
-    if (!logarithmic && low > 0 && low < 0.5 * high) low = 0;
-    const its = scale(low, high, 2, 98, logarithmic);
-    const at = (value) => `${Math.min(100, Math.max(0, logarithmic && value <= 0 ? 0 : its.at(value))).toFixed(2)}%`;
-    const lines = results.filter((one) => ["ceiling", "floor"].includes(one.role) && Number.isFinite(one.value));
-    const placed = (element, left, width) => { element.style.left = left; if (width) element.style.width = width; return element; };
-    return {
-      axis: () => all.length > 0 && el("div", { class: "range axis" }, placed(el("span", {}, tickText(Number(its.low.toPrecision(2)))), "0%"),
-        el("span", { class: "end" }, `${tickText(Number(high.toPrecision(2)))}${logarithmic ? " (log)" : ""}`)),
-      bar: (one, look) => {
-        if (!Number.isFinite(one.value)) return "";
-        const bar = el("div", { class: `range ${look.ink}`, "aria-hidden": "true" }, lines.map((line) => placed(el("i", { class: `ruler ${line.role}` }), at(line.value))));
-        if (Number.isFinite(one.low)) bar.append(placed(el("i", { class: "interval" }), at(one.low), `${(parseFloat(at(one.high)) - parseFloat(at(one.low))).toFixed(2)}%`));
-        bar.append(placed(el("i", { class: "dot" }), at(one.value)));
-        return bar;
-      },
-    };
-  }
-}
-
-function estimateNodes({ value, low, high }, unit) {
-  return [el("span", { class: "main" }, number(value, unit)), Number.isFinite(low) && el("span", { class: "between" }, ` [${number(low, unit)}, ${number(high, unit)}]`)];
-}
-
-/** What a completer's lines and marks look like. */
-function swatch({ ink, dash, shape }) {
-  return svg("svg", { class: `swatch ${ink}`, width: 26, height: 12, viewBox: "0 0 26 12", "aria-hidden": "true" },
-    svg("path", { class: "line", d: "M1 6H25", "stroke-dasharray": dash || null }), svg("path", { class: "mark", d: SHAPES[shape](13, 6, 3.5) }));
 }
