@@ -129,8 +129,8 @@ def test_hovering_and_keys_tell_value_share_and_completer(board: Board, tmp_path
     )
     assert found["none"] is found["left"] is found["escaped"] is None
     name, line = found["distribution"]
-    assert name == "planes" and line.split()[1:6] == ["%", "of", "samples", "within", line.split()[5]]
-    share, value = int(line.split()[0]) / 100, float(line.split()[5])
+    assert name == "planes" and line.split()[1:6] == ["%", "of", "samples", "at", "most"]
+    share, value = int(line.split()[0]) / 100, float(line.split()[6])
     samples = [
         its
         for cell in board.cells

@@ -48,8 +48,12 @@ class Figures {
     const curves = choice.shown
       .map((completer) => [completer, board.curve(choice.setting, metric, completer)])
       .filter(([, its]) => its);
-    const caption = this.places.distribution.parentElement.querySelector("[data-says='clipped']");
+    const says = (name) => this.places.distribution.parentElement.querySelector(`[data-says='${name}']`);
+    const caption = says("clipped");
     caption.textContent = "";
+    // Boards keep the single samples of main metrics alone.
+    const noun = board.metrics[metric].main ? "samples" : "cases";
+    says("counted").textContent = { samples: "all samples", cases: "the means of cases" }[noun];
     if (!curves.length) return this.nothing("distribution");
     const last = (curve) => curve[Math.round(CLIPPED_AT * steps)];
     let low = Math.min(...curves.map(([, its]) => its[0])),
@@ -84,7 +88,7 @@ class Figures {
             completer,
             lines: () => [
               this.name(completer),
-              `${percent(i / steps)} of samples within ${number(value, board.metrics[metric].unit)}`,
+              `${percent(i / steps)} of ${noun} at most ${number(value, board.metrics[metric].unit)}`,
             ],
           }))
           .filter((mark) => mark.x <= drawn.x.to + 1),
