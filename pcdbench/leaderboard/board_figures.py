@@ -250,9 +250,9 @@ def _with_legend(figure: Figure, axes: Sequence[Sequence[Axes]], styles: Mapping
             panel.remove()
             continue
         panel.grid(alpha=0.25, lw=0.5)
-        panel.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
+        panel.ticklabel_format(axis="y", scilimits=(-2, 4))
         if panel.get_xscale() == "linear":
-            panel.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
+            panel.ticklabel_format(axis="x", scilimits=(-2, 4))
         panel.spines[["top", "right"]].set_visible(False)
         found, labels = panel.get_legend_handles_labels()
         handles |= dict(zip(labels, found, strict=True))

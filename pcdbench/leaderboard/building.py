@@ -51,7 +51,7 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
     data = _data(merged, splits)
     tasks = _tasks(merged)
     completers = _completers(runs, merged, data)
-    label_of = {_identity(its): its.label for its in completers}
+    label_of = _labels(completers, merged)
     number_of = {(its.dataset, its.split): number for number, its in enumerate(data)}
 
     def place(one: MergedRow) -> tuple[int, str, float]:
@@ -69,7 +69,7 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
         if found is None or found.missing is None:
             missing = row.get("missing")
             cases[case] = BoardCase(of, row["scene"], incompleteness, level, row["draw"], seed, missing)
-        by_cell[case, label_of[_identity_of_row(row)]].append(one)
+        by_cell[case, label_of[id(row["completer"])]].append(one)
     order = sorted(cases)
     case_number = {case: number for number, case in enumerate(order)}
     position = {its.label: number for number, its in enumerate(completers)}
@@ -81,7 +81,7 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
     rankings = _rankings(ordered_cases, cells, {its.label: its for its in completers}, {its.name: its for its in tasks})
     labelled: dict[int, list[Mapping[str, Any]]] = defaultdict(list)
     for one in merged:
-        completer = one.row["completer"] | {"name": label_of[_identity_of_row(one.row)]}
+        completer = one.row["completer"] | {"name": label_of[id(one.row["completer"])]}
         labelled[place(one)[0]].append({**one.row, "completer": completer})
     standings = [
         standing
@@ -145,7 +145,7 @@ def _tasks(merged: Sequence[MergedRow]) -> tuple[BoardTask, ...]:
 def _completers(
     runs: Sequence[RunRows], merged: Sequence[MergedRow], data: Sequence[BoardData]
 ) -> tuple[BoardCompleter, ...]:
-    found = {_identity_of_row(one.row): one.row["completer"] for one in merged}
+    found = {_identity_of_plugin(its): its for its in _described(merged).values()}
     cards = {
         _identity_of_plugin(described): described.get("card")
         for run in runs
@@ -187,8 +187,15 @@ def _label(plugin: Mapping[str, Any], alike: Sequence[Mapping[str, Any]]) -> str
     return f"{plugin['name']} ({', '.join(parts)})"
 
 
-def _identity_of_row(row: Mapping[str, Any]) -> str:
-    return _identity_of_plugin(row["completer"])
+def _described(merged: Sequence[MergedRow]) -> Mapping[int, Mapping[str, Any]]:
+    """What rows say of their completers, by object: many rows share few (see `merging`)."""
+    return {id(one.row["completer"]): one.row["completer"] for one in merged}
+
+
+def _labels(completers: Sequence[BoardCompleter], merged: Sequence[MergedRow]) -> Mapping[int, str]:
+    """The label of each of the objects in `_described`."""
+    label_of = {_identity(its): its.label for its in completers}
+    return {number: label_of[_identity_of_plugin(its)] for number, its in _described(merged).items()}
 
 
 def _identity_of_plugin(plugin: Mapping[str, Any]) -> str:

@@ -15,8 +15,8 @@ class Planted:
 
     drop: float = 0.0
     voxel_m: float = 0.25
-    seconds: float = 0.01
-    noise: bool = False
+    seconds: float = 0.03
+    noise: int | None = None
 
 
 planted = Planted()
@@ -35,7 +35,11 @@ def register_tasks(register: Register) -> None:
 
 class Fill(Completer):
     def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        draws = np.random.default_rng() if planted.noise else rng
+        draws = (
+            rng
+            if planted.noise is None
+            else np.random.default_rng([planted.noise, len(cloud), int(cloud.points.sum() * 1e6)])
+        )
         time.sleep(planted.seconds * draws.uniform(0.8, 1.4))
         low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
         filled = PointCloud.concatenate(

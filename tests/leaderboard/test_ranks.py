@@ -70,7 +70,9 @@ def test_failing_on_the_hardest_cases_does_not_help(scenes, direction, sign):
 
 def test_a_failure_counts_with_as_many_samples_as_others_have_there():
     several = [[1.0, 2.0, 3.0]] * 7
-    found = ranking({"a": tried(several), "b": tried([None, *several[1:]])}, {"floor": tried([9.0] * 7)}, "lower", "mean")
+    found = ranking(
+        {"a": tried(several), "b": tried([None, *several[1:]])}, {"floor": tried([9.0] * 7)}, "lower", "mean"
+    )
     assert found.differences[0].difference.value == pytest.approx(2.0 - (3 * 9.0 + 6 * 6.0) / 21)
 
 
