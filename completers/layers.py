@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+
+from pcdbench.threads import at_once, thread_count
 
 FEW = 8  # inputs of a point, at most, that are coordinates
 
@@ -25,13 +29,40 @@ class SharedMLP(nn.Sequential):
         return flat.unflatten(0, x.shape[:-1])
 
 
+class _NeighborMax(torch.autograd.Function):
+    """The maximum over neighbours by the fused operator that notes which of them won, on several threads.
+
+    The operator itself runs on one, and its own backward pass takes twice as long as this one.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, features: Tensor, neighbors: Tensor) -> Tensor:
+        share = -(-len(features) // thread_count())
+        parts = zip(features.split(share), neighbors.split(share), strict=True)
+        pooled, winners = zip(*at_once(*(partial(_pooled, *part) for part in parts)), strict=True)
+        ctx.save_for_backward(torch.cat(winners))
+        ctx.count = features.shape[1]
+        return torch.cat(pooled)
+
+    @staticmethod
+    def backward(ctx: Any, *grads: Tensor) -> tuple[Tensor, None]:
+        (grad,), (winners,) = grads, ctx.saved_tensors
+        return grad.new_zeros(len(grad), ctx.count, grad.shape[2]).scatter_add_(1, winners, grad), None
+
+
+def _pooled(features: Tensor, neighbors: Tensor) -> tuple[Tensor, Tensor]:
+    """(P, S, C) maxima and the (P, S, C) rows they are from."""
+    count, device = features.shape[1], features.device
+    rows = neighbors + count * torch.arange(len(features), device=device)[:, None, None]
+    begins = torch.arange(0, rows.numel(), rows.shape[2], device=device)
+    pooled, _, _, winners = torch.embedding_bag(features.flatten(0, 1), rows.flatten(), begins, mode=2)
+    return pooled.unflatten(0, rows.shape[:2]), winners.unflatten(0, rows.shape[:2]) % count
+
+
 def neighbor_max(features: Tensor, neighbors: Tensor) -> Tensor:
     """(P, N, C) features and (P, S, k) int64 rows to (P, S, C), the maximum over the k neighbours."""
     if torch.is_grad_enabled():
-        # The fused operator notes which neighbour won; it runs on one thread.
-        rows = neighbors + features.shape[1] * torch.arange(len(features), device=features.device)[:, None, None]
-        pooled = F.embedding_bag(rows.flatten(0, 1), features.float().flatten(0, 1), mode="max")
-        return pooled.to(features.dtype).unflatten(0, neighbors.shape[:2])
+        return _NeighborMax.apply(features.float(), neighbors).to(features.dtype)
     pooled = features.new_empty(*neighbors.shape[:2], features.shape[2])
     for patch, rows, best in zip(features, neighbors, pooled, strict=True):
         first, *others = rows.t().contiguous()

@@ -25,7 +25,8 @@ from pcdbench_completers.patches import Patches
 from pcdbench_completers.precision import bfloat16_pays
 
 from pcdbench import PointCloud
-from pcdbench.testing import half_missing, small_room
+from pcdbench.incompletenesses.holes import Holes
+from pcdbench.testing import small_room
 from pcdbench.threads import thread_count
 from pcdbench.training.stream import TrainingPair
 
@@ -99,10 +100,9 @@ def main() -> None:
     precision = "bfloat16" if bfloat16_pays() else "float32"
     print(f"{threads} threads, {precision}; median of {REPEATS}{'wall':>29}{'processor':>12}")
     measured("100 GFLOP of a float32 matrix product", matrix_product)
-    scene = small_room(round(POINTS / 0.7))
-    case = half_missing(scene, 0)
-    training(scene.complete, case.kept)
-    completing(scene.complete.select(np.random.default_rng(0).permutation(len(scene.complete))[:POINTS]))
+    scene = small_room(POINTS)
+    training(scene.complete, Holes().kept(scene, 0.3, np.random.default_rng(0)))
+    completing(scene.complete)
 
 
 if __name__ == "__main__":
