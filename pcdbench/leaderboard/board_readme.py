@@ -58,7 +58,8 @@ def _facts(board: Board) -> str:
             f"- `{data.dataset}` version {data.version}, split `{data.split}`: {len(data.scenes)} scenes, "
             f"{len(cases)} cases ({ways})"
         )
-    return "\n".join(lines) + "\n"
+    explored = "[index.html](index.html), opened in a browser, shows every case; no network is needed."
+    return "\n".join(lines) + f"\n\n{explored}\n"
 
 
 def _overview(board: Board) -> str:
