@@ -18,3 +18,7 @@ class Skipped(PcdbenchError):
 
     A skipped measurement is not a failure: a cloud without colour has no SSIM.
     """
+
+
+class CacheWarning(UserWarning):
+    """Something that was made could not be kept for next time (a full disk); all goes on without. One line."""

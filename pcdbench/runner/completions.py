@@ -14,17 +14,13 @@ from typing import Any
 from zipfile import BadZipFile
 
 from pcdbench.cloud import PointCloud
-from pcdbench.errors import CloudError
+from pcdbench.errors import CacheWarning, CloudError
 from pcdbench.keys import canonical_json
 from pcdbench.paths import cache_dir
 
 LIMIT_VARIABLE = "PCDBENCH_COMPLETIONS_MB"
 DEFAULT_LIMIT_MB = 4000.0
 _TORN_AFTER_SECONDS = 3600.0
-
-
-class CacheWarning(UserWarning):
-    """A completion could not be kept; the run goes on. One line."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from pcdbench.cloud import PointCloud
-from pcdbench.runner.completions import CacheWarning, Completion, CompletionCache
+from pcdbench.errors import CacheWarning
+from pcdbench.runner.completions import Completion, CompletionCache
 
 FACTS = {"seconds": 1.5, "peak_memory_mb": None, "device": "cpu"}
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
+from pcdbench.errors import CacheWarning
 from pcdbench.scene import Box, Scene, Surface, TaggedObject
 
 
@@ -26,7 +28,15 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write an NPZ file so that other processes see all of it or nothing."""
+    """Write an NPZ file so that other processes see all of it or nothing; `CacheWarning` where that fails."""
+    try:
+        _write_whole(path, arrays)
+    except OSError as error:
+        message = f"generated data is not kept: {path.parent} cannot be written ({error.strerror})"
+        warnings.warn(message, CacheWarning, stacklevel=2)
+
+
+def _write_whole(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
     try:
