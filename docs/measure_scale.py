@@ -221,7 +221,7 @@ def many(folder: Path) -> None:
                 rows.clear()
     size = (folder / "many" / "rows.jsonl").stat().st_size
     del rows
-    done = subprocess.run([sys.executable, __file__, "_many", folder], capture_output=True, text=True, check=True)
+    done = subprocess.run([sys.executable, __file__, "_many", folder], stdout=subprocess.PIPE, text=True, check=True)
     print(f"many: {len(its.cells):,} cells, {size / len(its.cells):,.0f} bytes a row: {done.stdout.strip()}")
 
 

@@ -24,6 +24,11 @@ def thread_count() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def threads_are_limited() -> bool:
+    """Whether `limit_threads` was called: in worker processes it was."""
+    return VARIABLE in os.environ
+
+
 def at_once(*work: Callable[[], T]) -> list[T]:
     """What each piece of work returns, by as many threads as this process may use; none must depend on another.
 

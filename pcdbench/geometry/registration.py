@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pcdbench.geometry.poses import Pose
 from pcdbench.open3d_loader import load_open3d
-from pcdbench.threads import thread_count
 
 Method = Literal["ndt", "icp", "gicp"]
 FEWEST_POINTS = 20
@@ -108,7 +107,8 @@ def gicp(
     """Generalized ICP (Segal et al. 2009; small_gicp), one pass a largest correspondence distance."""
     import small_gicp
 
-    threads = thread_count()
+    # With more threads it adds up in any order, and the same scans give other digits.
+    threads = 1
     # small_gicp's voxel grid ends at 2^20 cells: map coordinates have to be taken off first.
     offset = target.mean(axis=0)
     target_cloud, tree = small_gicp.preprocess_points(target - offset, downsampling_m, num_threads=threads)

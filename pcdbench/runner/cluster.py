@@ -224,7 +224,7 @@ def _workers_of_this_machine(count: int) -> Iterator[Client]:
             threads_per_worker=max(1, thread_count() // count),
             processes=True,
             memory_limit=0,
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,
