@@ -65,7 +65,7 @@ class LonePatchCompleter(PatchwiseCompleter):
     def found(self, cloud: pcdbench.PointCloud, patches: Patches, rng: np.random.Generator) -> pcdbench.PointCloud:
         import torch
 
-        from .precision import bfloat16_pays
+        from pcdbench.training.precision import bfloat16_pays
 
         torch.set_num_threads(thread_count())
         with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=bfloat16_pays()):

@@ -22,12 +22,12 @@ from pcdbench_completers.deeppcd.neighborhoods import Neighborhoods
 from pcdbench_completers.deeppcd.network import DeepPCDNetwork
 from pcdbench_completers.deeppcd.trainee import DeepPCDTrainee
 from pcdbench_completers.patches import Patches
-from pcdbench_completers.precision import bfloat16_pays
 
 from pcdbench import PointCloud
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.testing import small_room
 from pcdbench.threads import thread_count
+from pcdbench.training.precision import bfloat16_pays
 from pcdbench.training.stream import TrainingPair
 
 POINTS = 20_000

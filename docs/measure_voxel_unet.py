@@ -14,6 +14,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pcdbench_completers.local_surface import surface_spacing
+from pcdbench_completers.voxel_unet.completer import UNOBSERVED, VOXEL_SPACINGS, VoxelUNetCompleter
+from pcdbench_completers.voxel_unet.grid import Grid
+from pcdbench_completers.voxel_unet.tiles import predict
 from scipy.spatial import cKDTree
 
 from pcdbench import PointCloud
@@ -23,10 +27,6 @@ from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
 from pcdbench.geometry.chamfer import CloudDistances
 from pcdbench.incompletenesses.holes import Holes
-from pcdbench_completers.local_surface import surface_spacing
-from pcdbench_completers.voxel_unet.completer import UNOBSERVED, VOXEL_SPACINGS, VoxelUNetCompleter
-from pcdbench_completers.voxel_unet.grid import Grid
-from pcdbench_completers.voxel_unet.tiles import predict
 
 IMAGES = Path(__file__).parent / "images"
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)

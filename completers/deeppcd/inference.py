@@ -7,8 +7,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from pcdbench.training.precision import bfloat16_pays
+
 from ..patches import Patches
-from ..precision import bfloat16_pays
 from .color import ColorNetwork, PaintingNetwork, centered
 from .encoder import Neighbors
 from .neighborhoods import Neighborhoods

@@ -66,7 +66,9 @@ class OneDnnConv(nn.Conv3d):
     """A convolution that runs in oneDNN whatever its size; torch leaves small single inputs to a far slower kernel."""
 
     def forward(self, x: Tensor) -> Tensor:
-        return torch.mkldnn_convolution(x, self.weight, self.bias, self.padding, self.stride, self.dilation, self.groups)
+        assert not isinstance(self.padding, str)
+        strides = self.stride, self.dilation, self.groups
+        return torch.mkldnn_convolution(x, self.weight, self.bias, self.padding, *strides)
 
 
 def for_inference(network: VoxelUNet) -> VoxelUNet:

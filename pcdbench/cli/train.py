@@ -40,6 +40,8 @@ def train(
     chosen = trainee.presets[preset]
     if hours is None and steps is None and chosen.steps is None:
         raise PcdbenchError("say how long to train: --hours H or --steps S")
+    from accelerate import PartialState
+
     from pcdbench.training.card import write_card
     from pcdbench.training.loop import Budget
     from pcdbench.training.loop import train as train_loop
@@ -60,6 +62,8 @@ def train(
         validate=Validation(),
         report=lambda line: typer.echo(line, err=True),
     )
+    if not PartialState().is_main_process:
+        return
     weights = out / "weights.safetensors"
     write_card(weights, name, stream, chosen, progress)
     typer.echo(f"weights: {weights} (use them with --option {weights_option(name)}={weights})")

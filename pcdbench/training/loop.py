@@ -18,6 +18,7 @@ from pcdbench.keys import seed_from
 from pcdbench.threads import limit_threads, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
 from pcdbench.training.curve import Curve
+from pcdbench.training.precision import bfloat16_pays
 from pcdbench.training.stream import PairStream
 from pcdbench.training.trainee import Example, Preset, Trainee
 
@@ -139,7 +140,7 @@ def train(
     out.mkdir(parents=True, exist_ok=True)
     torch.manual_seed(stream.seed)
     torch.set_num_threads(thread_count())
-    accelerator = Accelerator(mixed_precision="bf16" if _bf16_pays(device) else "no", cpu=device == "cpu")
+    accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")
     plain = trainee.network()
     optimizer = _optimizer(trainee, plain, preset)
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
@@ -244,13 +245,6 @@ def _begin_worker(_: int) -> None:
 def _cosine(spent: float, step: int) -> float:
     """The share of the full learning rate: a warm-up, then a cosine down to 1 %."""
     return min(1.0, (step + 1) / WARM_UP) * (0.01 + 0.99 * 0.5 * (1 + float(np.cos(np.pi * spent))))
-
-
-def _bf16_pays(device: str) -> bool:
-    """Whether bf16 is faster here: on GPUs, and on processors with AMX (without, it is three times slower)."""
-    if device != "cpu" and torch.cuda.is_available():
-        return True
-    return torch.cpu._is_amx_tile_supported()
 
 
 def _lerp(average: dict[str, Tensor], network: nn.Module, step: int) -> None:
