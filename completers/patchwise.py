@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ class PatchwiseOptions(pcdbench.Options):
 class PatchwiseCompleter(pcdbench.Completer):
     """Cuts the cloud into patches, has a network complete them and puts the patches together again."""
 
-    Options = PatchwiseOptions
+    Options: ClassVar[type[pcdbench.Options]] = PatchwiseOptions
     options: PatchwiseOptions
 
     def complete(self, cloud: pcdbench.PointCloud, rng: np.random.Generator) -> pcdbench.PointCloud:

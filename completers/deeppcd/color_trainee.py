@@ -67,6 +67,7 @@ class ColorTrainee(Trainee):
         seen = pair.truth.colors[nearest(observed.points, pair.truth.points)[1]]
         some = pair.truth.select(rng.permutation(len(pair.truth))[: 4 * PAINTED * len(patches.number)])
         scaled = patches.grid.scaled(some.points)
+        assert some.colors is not None
         points, colors = [], []
         for at, rows in enumerate(true_rows(patches, scaled)):
             cloud = (patches.points[at], seen[patches.rows[at]])

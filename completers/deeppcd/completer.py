@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -46,7 +46,7 @@ class DeepPCD(PatchwiseCompleter):
     was observed by what was observed there, elsewhere by the colour network.
     """
 
-    Options = DeepPCDOptions
+    Options: ClassVar[type[pcdbench.Options]] = DeepPCDOptions
     options: DeepPCDOptions
     citation = "DeepPCD: Enabling AutoCompletion of Indoor Point Clouds with Deep Learning, IMWUT 2022"
     trainee = "pcdbench_completers.deeppcd.trainee:DeepPCDTrainee"
@@ -80,8 +80,10 @@ class DeepPCD(PatchwiseCompleter):
 
     def model_card(self) -> Mapping[str, Any] | None:
         """That of the geometry network, and that of the colour network under `color`."""
-        geometry, *color = [weights.card or {} for weights in self._weights] or [None]
-        if geometry is None or not color:
+        if not self._weights:
+            return None
+        geometry, *color = [weights.card or {} for weights in self._weights]
+        if not color:
             return geometry
         seen = [*geometry.get("trained_on", []), *color[0].get("trained_on", [])]
         return {**geometry, "trained_on": seen, "color": color[0]}

@@ -129,10 +129,11 @@ class PlanePointGenerator(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         self.first = SplitLinear(POINT_FEATURE + 3, FEATURE, 1024)
-        self.rest = nn.Sequential(SharedMLP(1024, 512, 256), nn.Linear(256, 9))
+        last = nn.Linear(256, 9)
+        self.rest = nn.Sequential(SharedMLP(1024, 512, 256), last)
         with torch.no_grad():
-            self.rest[-1].weight.mul_(0.1)
-            self.rest[-1].bias.copy_(torch.eye(3).flatten())
+            last.weight.mul_(0.1)
+            last.bias.copy_(torch.eye(3).flatten())
 
     def forward(self, points: Tensor, features: Tensor, patch: Tensor) -> Tensor:
         """(P, S, 3, 3) float32 of (P, S, 3) points, their features (P, S, 384) and their patch's (P, 768)."""
@@ -164,9 +165,10 @@ class Displacement(nn.Module):
         self.first = SplitLinear(3, FEATURE, 512)
         self.second = nn.Linear(512, 256)
         self.norm = nn.LayerNorm(256)
-        self.rest = nn.Sequential(SharedMLP(256, 256, 64), nn.Linear(64, 3))
+        last = nn.Linear(64, 3)
+        self.rest = nn.Sequential(SharedMLP(256, 256, 64), last)
         with torch.no_grad():
-            self.rest[-1].weight.mul_(0.1)
+            last.weight.mul_(0.1)
 
     def forward(self, points: Tensor, feature: Tensor) -> Tensor:
         """(P, K, 3) float32 displacements in (-1, 1) of (P, K, 3) points with their (P, 768) features."""

@@ -43,7 +43,7 @@ class DeepPCDTrainee(Trainee):
 
     def __init__(self, options: DeepPCDOptions | None = None) -> None:
         """Train a network of these options; weights, colour and merging play no part."""
-        self.options = DeepPCDOptions() if options is None else options
+        self.options = DeepPCDOptions.model_validate({}) if options is None else options
 
     def network(self) -> nn.Module:
         return DeepPCDNetwork(self.options.plane_points, self.options.generator)

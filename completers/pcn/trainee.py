@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
+import torch
 from torch import Tensor, nn
 
 from pcdbench.training.stream import TrainingPair
@@ -41,7 +42,7 @@ class PCNTrainee(PatchTrainee):
 
     def loss(self, network: nn.Module, example: dict[str, Tensor]) -> dict[str, Tensor]:
         coarse, fine = (
-            sum(distances_by_patch(points, example["truth"], example["truth_of"], power=1)).mean()
+            torch.stack(distances_by_patch(points, example["truth"], example["truth_of"], power=1)).sum(dim=0).mean()
             for points in network(example["points"], example["chosen"])
         )
         return {"loss": coarse + FINE_WEIGHT * fine, "coarse": coarse, "fine": fine}

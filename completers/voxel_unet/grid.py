@@ -36,7 +36,7 @@ class Grid:
         x, y, z = (int(n) for n in np.ceil((points.max(axis=0) - origin) / edge_m + 2.0))
         return Grid(origin, edge_m, (x, y, z), float(origin[2]))
 
-    def part(self, start: Sequence[int], stop: Sequence[int]) -> Grid:
+    def part(self, start: Sequence[int] | NDArray, stop: Sequence[int] | NDArray) -> Grid:
         """The voxels from `start` up to `stop` (three numbers each)."""
         x, y, z = (int(last) - int(first) for first, last in zip(start, stop, strict=True))
         return Grid(self.origin + np.asarray(start) * self.edge_m, self.edge_m, (x, y, z), self.floor_m)

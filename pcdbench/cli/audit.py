@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -77,7 +78,7 @@ def audit(
         raise typer.Exit(3)
 
 
-def _print_audits(found: list[Audit], rows: list[dict[str, Any]]) -> None:
+def _print_audits(found: list[Audit], rows: Sequence[dict[str, Any]]) -> None:
     from pcdbench.cli.results import print_reasons, table_console
     from pcdbench.leaderboard.audit import TRUTH
     from pcdbench.leaderboard.render import audit_table, estimate_text, print_tables

@@ -78,13 +78,13 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
                 progress.done(job, rows)
         if jobs:
             CompletionCache().trim()
-    rows = read_rows(folder)
-    if rows and all(row["stage"] == "scene" for row in rows):
+    stored = read_rows(folder)
+    if stored and all(row["stage"] == "scene" for row in stored):
         others = f" (and {len(plan.scenes) - 1} more)" if len(plan.scenes) > 1 else ""
         raise PcdbenchError(
-            f"no scene of {plan.dataset.name} can be used: {rows[0]['scene']}{others}: {rows[0]['error']}"
+            f"no scene of {plan.dataset.name} can be used: {stored[0]['scene']}{others}: {stored[0]['error']}"
         )
-    return Run(plan, folder, rows, len(jobs))
+    return Run(plan, folder, stored, len(jobs))
 
 
 def local_processes(workers: int | None = None, limits: Limits | None = None) -> LocalProcesses:

@@ -60,7 +60,11 @@ def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
     scanned = scan(environment, survey, box, rng)
     # As a file of 8-bit colors and single precision would hold it: the cached scene is the generated one.
     points = scanned.points.astype(np.float32).astype(np.float64)
-    index, exact_colors = at_once(lambda: poisson_disk_indices(points, COMPLETE_POINTS, rng), scanned.colors)
+
+    def sampling() -> NDArray:
+        return poisson_disk_indices(points, COMPLETE_POINTS, rng)
+
+    index, exact_colors = at_once(sampling, scanned.colors)
     colors = np.rint(exact_colors * 255).astype(np.uint8).astype(np.float32) / np.float32(255)
     pieces = scanned.pieces
     seen = np.bincount(pieces[index], minlength=len(environment.poses))
