@@ -120,10 +120,9 @@ class _Group:
     sizes: list[int] = field(default_factory=list)
     samples: array[float] = field(default_factory=lambda: array("d"))
 
-    def add(self, row: Mapping[str, Any], samples: Sequence[float]) -> None:
-        self.scenes.append(row["scene"])
-        missing = row.get("missing")
-        self.missing.append(math.nan if missing is None else missing)
+    def add(self, scene: str, missing: float, samples: Sequence[float]) -> None:
+        self.scenes.append(scene)
+        self.missing.append(missing)
         self.sizes.append(len(samples))
         self.samples.extend(samples)
 
@@ -150,7 +149,7 @@ class _Tally:
         self._groups: dict[tuple[str, str, str, float, str], _Group] = {}
         self._lost: dict[tuple[str, str, float, str], dict[str, int]] = {}
         self._references: dict[str, bool] = {}
-        self._measured: set[tuple[str, str, float, str]] = set()
+        self._by_cell: dict[tuple[str, str, float, str], dict[str, _Group]] = {}
         self._costs: dict[tuple[str, float, str], dict[str, tuple[float | None, float | None]]] = {}
 
     def add(self, row: Mapping[str, Any]) -> None:
@@ -165,13 +164,15 @@ class _Tally:
             costs = self._costs.setdefault((incompleteness, level, completer), {})
             costs[row["cell"]] = (cost["seconds"], cost["peak_memory_mb"])
         if row["status"] == "ok":
+            scene, missing = row["scene"], row.get("missing")
+            share = math.nan if missing is None else missing
+            of_cell = self._by_cell.setdefault(cell, {})
             for name, metric in row["metrics"].items():
-                group = self._groups.get((task, name, incompleteness, level, completer))
+                group = of_cell.get(name)
                 if group is None:
-                    group = _Group({its: metric[its] for its in _DESCRIBED})
+                    group = of_cell[name] = _Group({its: metric[its] for its in _DESCRIBED})
                     self._groups[task, name, incompleteness, level, completer] = group
-                    self._measured.add(cell)
-                group.add(row, metric["samples"])
+                group.add(scene, share, metric["samples"])
 
     def summary(self) -> pd.DataFrame:
         costs = {key: _median_cost(its.values()) for key, its in self._costs.items()}
@@ -189,7 +190,7 @@ class _Tally:
                 | costs.get((incompleteness, level, completer), {})
             )
         for (task, incompleteness, level, completer), lost in self._lost.items():
-            if (task, incompleteness, level, completer) not in self._measured:
+            if (task, incompleteness, level, completer) not in self._by_cell:
                 records.append(
                     {"task": task, "incompleteness": incompleteness, "level": level, "completer": completer}
                     | {"reference": self._references[completer], "scenes": 0, "cases": 0, "missing": np.nan}

@@ -20,7 +20,7 @@ from pcdbench.runner.pool import LocalProcesses
 from pcdbench.runner.progress import RunProgress
 from pcdbench.runner.provenance import provenance
 from pcdbench.runner.rows import Row
-from pcdbench.runner.store import RunStore, read_rows
+from pcdbench.runner.store import RunStore
 from pcdbench.threads import thread_count
 
 RUNS = Path("runs")
@@ -64,11 +64,13 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
         "left_out": dict(plan.left_out),
         "workers": executor.workers,
         "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "calibration_seconds": round(calibration_seconds(), 4),
         **provenance(),
     }
     with RunStore(folder, plan.configuration, facts) as store:
-        jobs = missing_jobs(plan, store.finished_keys())
+        stored = store.rows()
+        jobs = missing_jobs(plan, stored.finished_keys)
+        if jobs:
+            store.record({"calibration_seconds": round(calibration_seconds(), 4)})
         with (
             RunProgress(jobs, executor.workers) as progress,
             contextlib.closing(executor.run(jobs, plan.dataset)) as results,
@@ -78,7 +80,7 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
                 progress.done(job, rows)
         if jobs:
             CompletionCache().trim()
-    stored = read_rows(folder)
+            stored = store.rows()
     if stored and all(row["stage"] == "scene" for row in stored):
         others = f" (and {len(plan.scenes) - 1} more)" if len(plan.scenes) > 1 else ""
         raise PcdbenchError(

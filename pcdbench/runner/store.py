@@ -92,26 +92,35 @@ class RunStore:
                 "there and give the same command again"
             ) from error
 
-    def finished_keys(self) -> set[str]:
-        """Keys of the rows that need not run again: those measured, and those skipped for a reason."""
-        return read_rows(self.folder).finished_keys
+    def rows(self) -> StoredRows:
+        """The rows so far."""
+        return read_rows(self.folder)
+
+    def record(self, facts: Mapping[str, Any]) -> None:
+        """Have `run.json` say more."""
+        self._facts = {**self._facts, **facts}
+        self._write_run()
 
     def _claim(self) -> None:
-        path = self.folder / RUN
-        if path.exists():
-            held = read_run(self.folder)["configuration"]
+        if (self.folder / RUN).exists():
+            told = read_run(self.folder)
+            held = told.pop("configuration")
             if digest(held) != digest(self._configuration):
                 differences = _differences(held, self._configuration)
                 raise PcdbenchError(
                     f"{self.folder} holds another run ({', '.join(differences[:_SHOWN_DIFFERENCES])}); "
                     "give another --out"
                 )
+            self._facts = {**told, **self._facts}
         elif (self.folder / ROWS).exists():
             raise PcdbenchError(f"{self.folder} has {ROWS} but no {RUN}; give another --out")
         for torn in self.folder.glob(f"{RUN}?*"):
             torn.unlink()
-        content = {"schema_version": SCHEMA_VERSION, "configuration": self._configuration, **self._facts}
-        write_text(path, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+        self._write_run()
+
+    def _write_run(self) -> None:
+        content = {**self._facts, "schema_version": SCHEMA_VERSION, "configuration": self._configuration}
+        write_text(self.folder / RUN, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
 
 
 def read_run(folder: Path) -> dict[str, Any]:

@@ -20,7 +20,7 @@ def test_rows_and_run_come_back(tmp_path):
     with RunStore(tmp_path / "run", CONFIGURATION, {"command": "pcdbench run"}) as store:
         store.append([row("a"), row("b", "skipped")])
         store.append([row("c", "failed")])
-        assert store.finished_keys() == {"a", "b"}
+        assert store.rows().finished_keys == {"a", "b"}
     assert [found["key"] for found in read_rows(tmp_path / "run")] == ["a", "b", "c"]
     assert read_run(tmp_path / "run")["configuration"] == CONFIGURATION
 
@@ -85,7 +85,7 @@ def test_another_run_is_not_mixed_in_and_the_difference_is_named(tmp_path, chang
     with pytest.raises(PcdbenchError, match=difference), RunStore(tmp_path, CONFIGURATION | change, {}):
         pass
     with RunStore(tmp_path, CONFIGURATION, {}) as store:
-        assert store.finished_keys() == {"a"}
+        assert store.rows().finished_keys == {"a"}
 
 
 def test_what_is_no_run_is_said(tmp_path):
