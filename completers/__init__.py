@@ -20,6 +20,12 @@ def register_completers(register: Register) -> None:
     )
     register("plane_fitting", f"{here}.plane_fitting:PlaneFitting", "planes by RANSAC, their gaps filled")
     register("hole_filling", f"{here}.hole_filling:HoleFilling", "a mesh of near neighbours, its holes filled")
+    register(
+        "voxel_unet",
+        f"{here}.voxel_unet.completer:VoxelUNetCompleter",
+        "a 3D U-Net over voxels: surface where nobody looked",
+        weights=[_HERE / "voxel_unet" / "weights.safetensors"],
+    )
     deeppcd = [_HERE / "deeppcd" / f"{part}.safetensors" for part in ("weights", "color")]
     register(
         "deeppcd",

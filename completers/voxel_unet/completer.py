@@ -42,7 +42,7 @@ class VoxelUNetCompleter(pcdbench.Completer):
     """
 
     class Options(pcdbench.Options):
-        threshold: float = Field(0.4, gt=0, lt=1, description="occupancy above which surface is added")
+        threshold: float = Field(0.25, gt=0, lt=1, description="occupancy above which surface is added")
         weights: str = Field("", description="a safetensors file of one's own; empty for those in the package")
 
     options: Options
