@@ -38,7 +38,7 @@ def begin_worker(threads: int, output: int | None = None) -> None:
     os.dup2(2, 1)
     _flush_line_by_line()
     _warn_in_one_line(console)
-    _die_as_a_group()
+    end_as_a_group()
     faulthandler.enable(file=2, all_threads=False)
     if output is not None:
         # SIGTERM ends a step that hangs: where it hung is printed first, even if native code holds the interpreter.
@@ -77,7 +77,7 @@ def _warn_in_one_line(console: TextIO) -> None:
     warnings.showwarning = show  # type: ignore[assignment]
 
 
-def _die_as_a_group() -> None:
+def end_as_a_group() -> None:
     """This process leads a group: when it is ended, or its parent is gone, all it started goes with it."""
     if os.getpgrp() != os.getpid():
         os.setpgid(0, 0)

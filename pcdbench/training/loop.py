@@ -21,6 +21,7 @@ from pcdbench.training.curve import Curve
 from pcdbench.training.precision import bfloat16_pays
 from pcdbench.training.stream import PairStream
 from pcdbench.training.trainee import Example, Preset, Trainee
+from pcdbench.workers import end_as_a_group
 
 AVERAGE_DECAY = 0.998
 CLIP = 1.0
@@ -238,6 +239,7 @@ def _batches(
 
 
 def _begin_worker(_: int) -> None:
+    end_as_a_group()
     limit_threads(1)
     torch.set_num_threads(1)
 
