@@ -18,7 +18,10 @@ OURS = {kind: [one for one in registry().all(kind) if "pcdbench" in one.target] 
 
 @pytest.mark.parametrize("name", [one.name for one in OURS["completer"]])
 def test_our_completers_keep_their_contract(name: str) -> None:
-    check_completer(registry().get("completer", name).load())
+    registration = registry().get("completer", name)
+    if not all(path.is_file() for path in registration.weights):
+        pytest.skip(f"the package has no weights of {name}")
+    check_completer(registration.load())
 
 
 @pytest.mark.parametrize("name", [one.name for one in OURS["task"]])
