@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
@@ -20,6 +21,9 @@ from pcdbench.scene import Scene
 from pcdbench.testing import half_missing, small_room
 
 ROOT = Path(__file__).parents[1]
+
+# Started in the background of a script, this process would ignore Ctrl-C, and so would all that tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", autouse=True)
