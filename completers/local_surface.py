@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pcdbench.geometry.sampling import apart_indices
 from pcdbench.threads import thread_count
 
 
@@ -34,3 +35,48 @@ def surface_spacing(points: NDArray[np.float64]) -> float:
     step = max(1, len(points) // 5000)
     distances, _ = cKDTree(points).query(points[::step], k=7, workers=thread_count())
     return float(np.median(distances[:, 6])) / float(np.sqrt(6 / np.pi))
+
+
+def spread_evenly(
+    places: NDArray[np.float64],
+    observed: NDArray[np.float64],
+    spacing_m: float,
+    apart_spacings: float,
+    rng: np.random.Generator,
+    *,
+    neighbors: int,
+    jitters: int,
+    reach: float = 1.0,
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Points evenly spread over the surface that places lie on, no nearer to one another and to any observed point.
+
+    Each place gives a few candidates, spread over the plane that fits its neighbours, places and observed points
+    (so the layer is thin where neighbours agree); blue noise chooses among them.
+
+    Args:
+        places: (N, 3) metres, near the origin.
+        observed: (M, 3) metres.
+        spacing_m: of the observed points.
+        apart_spacings: how far points keep apart, in spacings.
+        neighbors: how many a plane is fitted to.
+        jitters: candidates a place.
+        reach: how far about candidates lie, in spacings.
+
+    Returns:
+        (K, 3) the points, and (K,) the rows of the places they came from.
+    """
+    if not len(places):
+        return places, np.zeros(0, np.int64)
+    support = np.concatenate([places, observed])
+    _, index = cKDTree(support).query(places, k=min(neighbors, len(support)), workers=thread_count())
+    near = support[index]
+    center = near.mean(axis=1)
+    spread = near - center[:, None]
+    normals = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
+    candidates = places + reach * spacing_m * rng.uniform(-0.5, 0.5, (jitters, *places.shape))
+    heights = np.einsum("jni,ni->jn", candidates - center, normals)
+    candidates = (candidates - heights[..., None] * normals).reshape(-1, 3)
+    everything = np.concatenate([observed, candidates])
+    rows = apart_indices(everything, apart_spacings * spacing_m, rng, fixed=len(observed))[len(observed) :]
+    chosen = rows - len(observed)
+    return candidates[chosen], chosen % len(places)

@@ -12,10 +12,9 @@ from scipy.spatial import cKDTree
 
 import pcdbench
 from pcdbench.geometry.neighbors import nearest
-from pcdbench.geometry.sampling import apart_indices
 from pcdbench.threads import thread_count
 
-from .local_surface import surface_spacing
+from .local_surface import spread_evenly, surface_spacing
 from .patches import Patches
 
 NEIGHBORS = 10
@@ -102,16 +101,15 @@ def merged(
     # Sparser finds need more candidates, and farther about.
     reach = float(np.clip(surface_spacing(points) / spacing_m, 1.0, MOST_REACH))
     points = points[away]
-    support = np.concatenate([points, observed])
-    _, index = cKDTree(support).query(points, k=NEIGHBORS, workers=thread_count())
-    center = support[index].mean(axis=1)
-    spread = support[index] - center[:, None]
-    normals = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
-    jitters = round(JITTERS * reach**2)
-    candidates = points + reach * spacing_m * rng.uniform(-0.5, 0.5, (jitters, *points.shape))
-    heights = np.einsum("jni,ni->jn", candidates - center, normals)
-    candidates = (candidates - heights[..., None] * normals).reshape(-1, 3)
-    everything = np.concatenate([observed, candidates])
-    chosen = apart_indices(everything, DARTS_PER_SPACING * spacing_m, rng, fixed=len(cloud))[len(cloud) :] - len(cloud)
-    colors = None if found.colors is None else found.colors[away[chosen % len(away)]]
-    return pcdbench.PointCloud.concatenate([cloud, pcdbench.PointCloud(candidates[chosen] + origin, colors)])
+    added, source = spread_evenly(
+        points,
+        observed,
+        spacing_m,
+        DARTS_PER_SPACING,
+        rng,
+        neighbors=NEIGHBORS,
+        jitters=round(JITTERS * reach**2),
+        reach=reach,
+    )
+    colors = None if found.colors is None else found.colors[away[source]]
+    return pcdbench.PointCloud.concatenate([cloud, pcdbench.PointCloud(added + origin, colors)])

@@ -12,11 +12,10 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 
 import pcdbench
-from pcdbench.geometry.sampling import apart_indices
 from pcdbench.threads import thread_count
 from pcdbench.weights import Weights
 
-from ..local_surface import surface_spacing
+from ..local_surface import spread_evenly, surface_spacing
 from .grid import Grid
 from .tiles import Prediction, predict
 
@@ -94,10 +93,7 @@ class VoxelUNetCompleter(pcdbench.Completer):
 def surface_points(
     cloud: pcdbench.PointCloud, found: Prediction, spacing_m: float, rng: np.random.Generator
 ) -> tuple[pcdbench.PointCloud, NDArray[np.float32]]:
-    """Points on the predicted surface, as dense as the observed ones and no nearer to any of them.
-
-    Each predicted sub-voxel gives a few candidates spread over its tangent plane, which is fitted to its
-    neighbours, predicted and observed (so the layer is thin where neighbours agree); blue noise chooses.
+    """Points on the predicted surface where nothing was observed, as dense as the observed ones.
 
     Returns:
         The M added points, and the (M,) occupancy of the sub-voxels they came from.
@@ -106,18 +102,8 @@ def surface_points(
         found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count()
     )
     found = found.select(np.isinf(away))
-    support = np.concatenate([found.points, cloud.points])
-    _, index = cKDTree(support).query(found.points, k=min(NEIGHBORS, len(support)), workers=thread_count())
-    near = support[index]
-    center = near.mean(axis=1)
-    spread = near - center[:, None]
-    normal = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
-    candidates = found.points + rng.uniform(-0.5, 0.5, size=(JITTERS, *found.points.shape)) * spacing_m
-    height = np.einsum("jni,ni->jn", candidates - center, normal)
-    candidates = (candidates - height[..., None] * normal).reshape(-1, 3)
-    everything = np.concatenate([cloud.points, candidates])
-    chosen = apart_indices(everything, np.sqrt(DISK_AREAS) * spacing_m, rng, fixed=len(cloud))
-    chosen = chosen[len(cloud) :] - len(cloud)
-    source = chosen % len(found.points) if len(chosen) else chosen
+    added, source = spread_evenly(
+        found.points, cloud.points, spacing_m, float(np.sqrt(DISK_AREAS)), rng, neighbors=NEIGHBORS, jitters=JITTERS
+    )
     colors = None if cloud.colors is None else found.colors[source]
-    return pcdbench.PointCloud(candidates[chosen], colors), found.probability[source]
+    return pcdbench.PointCloud(added, colors), found.probability[source]
