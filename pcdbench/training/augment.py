@@ -69,7 +69,7 @@ def natural_gaps(points: Points, rng: np.random.Generator) -> Mask:
     """(N,) mask of the points that a flawed survey would still have: at least a third of them.
 
     Balls (missed spots), shadow cones behind them as seen from a scanner, half spaces (a missing ceiling or part
-    of it, an end nobody walked to) and slabs.
+    of it, ends cut off in any direction), slabs, and next rooms that show through a doorway as a wedge.
     """
     seen = np.ones(len(points), dtype=bool)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -87,10 +87,11 @@ def natural_gaps(points: Points, rng: np.random.Generator) -> Mask:
             axis = rng.integers(2)
             below |= points[:, axis] > rng.uniform(low[axis], high[axis])
         seen &= below
-    if rng.random() < 0.3:
-        axis, share = rng.integers(2), rng.uniform(0.02, 0.3)
-        edge = low[axis] + share * (high[axis] - low[axis])
-        seen &= points[:, axis] > edge
+    for _ in range(rng.choice(3, p=[0.35, 0.4, 0.25])):
+        along = points[:, :2] @ _heading(rng)
+        seen &= along > along.min() + rng.uniform(0.02, 0.3) * np.ptp(along)
+    if rng.random() < 0.35:
+        seen &= ~_beyond_doorway(points, rng)
     if rng.random() < 0.3:
         # A slab: a strip of floor, wall or ceiling behind something that is not in the truth.
         normal = rng.normal(size=3) * (1.0, 1.0, 0.3)
@@ -110,6 +111,27 @@ def _in_shadow(points: Points, scanner: Points, occluder: Points, radius: float)
     along = ray @ (axis / distance)
     across = np.sqrt(np.maximum(_squared(ray) - along**2, 0.0))
     return (along > distance) & (across < along * radius / distance)
+
+
+def _heading(rng: np.random.Generator) -> Points:
+    """(2,) a horizontal direction: along an axis, as rooms are cut out of buildings, or any."""
+    angle = rng.integers(4) * np.pi / 2 if rng.random() < 0.5 else rng.uniform(0, 2 * np.pi)
+    return np.array([np.cos(angle), np.sin(angle)])
+
+
+def _beyond_doorway(points: Points, rng: np.random.Generator) -> Mask:
+    """(N,) mask of what lies behind an upright plane and does not show, from this side of it, through its doorway."""
+    normal = _heading(rng)
+    plan = points[:, :2]
+    depth, across = plan @ normal, plan @ np.array([-normal[1], normal[0]])
+    wall = depth.min() + rng.uniform(0.5, 0.95) * np.ptp(depth)
+    scanner_depth = rng.uniform(depth.min(), wall - 0.05 * np.ptp(depth))
+    scanner_across, doorway = rng.uniform(across.min(), across.max(), size=2)
+    # Where the line of sight to each point crosses the plane.
+    crossing = scanner_across + (across - scanner_across) * (wall - scanner_depth) / np.maximum(
+        depth - scanner_depth, 1e-9
+    )
+    return (depth > wall) & (np.abs(crossing - doorway) > rng.uniform(0.3, 0.7))
 
 
 def _squared(vectors: Points) -> Points:
