@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 import pcdbench
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.threads import thread_count
+from pcdbench.weights import LearnedCompleter
 
 from .local_surface import spread_evenly, surface_spacing
 from .patches import Patches
@@ -39,7 +40,7 @@ class PatchwiseOptions(pcdbench.Options):
     )
 
 
-class PatchwiseCompleter(pcdbench.Completer):
+class PatchwiseCompleter(LearnedCompleter):
     """Cuts the cloud into patches, has a network complete them and puts the patches together again."""
 
     Options: ClassVar[type[pcdbench.Options]] = PatchwiseOptions

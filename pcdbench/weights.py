@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from pcdbench.completer import Completer
 from pcdbench.downloads import downloaded, is_address
 from pcdbench.errors import PcdbenchError
-from pcdbench.keys import file_digest
+from pcdbench.keys import digest, file_digest
+from pcdbench.options import Options
 
 CARD_SUFFIX = ".card.json"
 
@@ -84,6 +86,30 @@ class Weights:
                 f"{self.path} holds the weights of another network than {self._name} ({first})"
             ) from None
         return network.eval()
+
+
+class LearnedCompleter(Completer):
+    """A completer with networks that learned: what is known of the weights in use."""
+
+    def __init__(self, options: Options | None = None) -> None:
+        super().__init__(options)
+        self._weights: list[Weights] = []
+
+    def trained(self, network: Any, shipped: Path, own: str, name: str) -> Any:
+        """The `torch.nn.Module` with its weights, which count from now on as this completer's; its main network first.
+
+        See `Weights` for the arguments and for what is raised.
+        """
+        self._weights.append(Weights(shipped, own, name))
+        return self._weights[-1].load_into(network)
+
+    def weights_digest(self) -> str | None:
+        digests = [weights.digest for weights in self._weights]
+        return digest(digests) if len(digests) > 1 else next(iter(digests), None)
+
+    def model_card(self) -> Mapping[str, Any] | None:
+        """That of the main network."""
+        return self._weights[0].card if self._weights else None
 
 
 def weights_option(name: str) -> str:

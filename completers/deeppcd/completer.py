@@ -11,9 +11,7 @@ from pydantic import Field
 
 import pcdbench
 from pcdbench.geometry.neighbors import nearest
-from pcdbench.keys import digest
 from pcdbench.threads import thread_count
-from pcdbench.weights import Weights
 
 from ..local_surface import surface_spacing
 from ..patches import Patches
@@ -60,23 +58,15 @@ class DeepPCD(PatchwiseCompleter):
     ) -> None:
         """Load the weights, or use networks that are there already (in training)."""
         super().__init__(options)
-        self._weights: list[Weights] = []
+        from .color import PaintingNetwork
+        from .network import DeepPCDNetwork
+
         if network is None:
-            from .network import DeepPCDNetwork
-
-            self._weights.append(Weights(SHIPPED, self.options.weights, "deeppcd"))
             network = DeepPCDNetwork(self.options.plane_points, self.options.generator)
-            self._weights[-1].load_into(network)
+            network = self.trained(network, SHIPPED, self.options.weights, "deeppcd")
         if painting is None and self.options.color == "network":
-            from .color import PaintingNetwork
-
-            self._weights.append(Weights(SHIPPED_COLOR, self.options.color_weights, "deeppcd.color"))
-            painting = self._weights[-1].load_into(PaintingNetwork())
+            painting = self.trained(PaintingNetwork(), SHIPPED_COLOR, self.options.color_weights, "deeppcd.color")
         self._network, self._painting = network, painting
-
-    def weights_digest(self) -> str | None:
-        digests = [weights.digest for weights in self._weights]
-        return digest(digests) if len(digests) > 1 else next(iter(digests), None)
 
     def model_card(self) -> Mapping[str, Any] | None:
         """That of the geometry network, and that of the colour network under `color`."""

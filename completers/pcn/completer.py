@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-from pcdbench.weights import Weights
 
 from ..patches import Patches
 from ..patchwise import LonePatchCompleter, PatchwiseOptions
@@ -33,19 +30,9 @@ class PCN(LonePatchCompleter):
     def __init__(self, options: PatchwiseOptions | None = None, network: PCNNetwork | None = None) -> None:
         """Load the weights, or use a network that is there already (in training)."""
         super().__init__(options)
-        self._weights = None
-        if network is None:
-            from .network import PCNNetwork
+        from .network import PCNNetwork
 
-            self._weights = Weights(SHIPPED, self.options.weights, "pcn")
-            network = self._weights.load_into(PCNNetwork())
-        self._network = network
-
-    def weights_digest(self) -> str | None:
-        return self._weights.digest if self._weights else None
-
-    def model_card(self) -> Mapping[str, Any] | None:
-        return self._weights.card if self._weights else None
+        self._network = network or self.trained(PCNNetwork(), SHIPPED, self.options.weights, "pcn")
 
     def completed(self, patches: Patches, rng: np.random.Generator) -> NDArray[np.float32]:
         import torch

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +12,7 @@ from scipy.spatial import cKDTree
 
 import pcdbench
 from pcdbench.threads import thread_count
-from pcdbench.weights import Weights
+from pcdbench.weights import LearnedCompleter
 
 from ..local_surface import spread_evenly, surface_spacing
 from .grid import Grid
@@ -33,7 +32,7 @@ UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was o
 DISK_AREAS = 0.44
 
 
-class VoxelUNetCompleter(pcdbench.Completer):
+class VoxelUNetCompleter(LearnedCompleter):
     """Volumetric inpainting by a 3D U-Net over voxels of twice the cloud's spacing.
 
     Every observed point is kept. Where nothing was observed and the network's occupancy passes the
@@ -56,19 +55,10 @@ class VoxelUNetCompleter(pcdbench.Completer):
         """Load the weights, or use a network that is there already (in training)."""
         super().__init__(options)
         self._voxel_spacings = voxel_spacings
-        self._weights = None
         from .network import VoxelUNet, for_inference
 
-        if network is None:
-            self._weights = Weights(SHIPPED_WEIGHTS, self.options.weights, "voxel_unet")
-            network = self._weights.load_into(VoxelUNet())
+        network = network or self.trained(VoxelUNet(), SHIPPED_WEIGHTS, self.options.weights, "voxel_unet")
         self._network = for_inference(network)
-
-    def weights_digest(self) -> str | None:
-        return self._weights.digest if self._weights else None
-
-    def model_card(self) -> Mapping[str, Any] | None:
-        return self._weights.card if self._weights else None
 
     def complete(self, cloud: pcdbench.PointCloud, rng: np.random.Generator) -> pcdbench.PointCloud:
         return self.complete_with_confidence(cloud, rng)[0]
