@@ -106,7 +106,10 @@ def test_stray_bytes_are_taken_out_of_numbers(tree):
     assert problems(opened(tree), "area1-office_1")[0].startswith("Area_1/office_1/Annotations/chair_1.txt:10: a stray")
 
 
-@pytest.mark.parametrize("line", ["1.0 2.0 3.0 4 5", "nan 1.0 1.0 1 2 3", "1.0 inf 1.0 1 2 3", "1 2 3 4 5 6 7 8", "??"])
+@pytest.mark.parametrize(
+    "line",
+    ["1.0 2.0 3.0 4 5", "nan 1.0 1.0 1 2 3", "1.0 inf 1.0 1 2 3", "1e999 1.0 1.0 1 2 3", "1 2 3 4 5 6 7 8", "??"],
+)
 def test_lines_that_cannot_be_mended_are_dropped_and_told(tree, line):
     path = tree / "Area_1/office_1/office_1.txt"
     path.write_text(path.read_text() + line + "\n\n")

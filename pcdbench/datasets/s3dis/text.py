@@ -43,18 +43,26 @@ def read_rows(path: Path, shown: str) -> tuple[NDArray[np.float64], list[Finding
         rows = _parsed(data)
         if rows is not None and rows.shape[1] == columns and np.isfinite(rows).all():
             return rows, []
-    kept, mended, dropped = [], [], []
-    for number, line in enumerate(data.split(b"\n"), 1):
+    lines = data.split(b"\n")
+    kept, places, mended, dropped = [], [], [], []
+    for number, line in enumerate(lines, 1):
         if good.fullmatch(line):
             kept.append(line)
+            places.append(number)
         elif line.strip():
             repaired = _repaired(line, columns)
             if repaired is None:
                 dropped.append((number, line))
             else:
                 kept.append(repaired)
+                places.append(number)
                 mended.append((number, line))
     rows = _parsed(b"\n".join(kept)) if kept else None
+    if rows is not None:
+        # A number of 400 digits looks like any other.
+        finite = np.isfinite(rows).all(axis=1)
+        dropped = sorted(dropped + [(places[at], lines[places[at] - 1]) for at in np.flatnonzero(~finite)])
+        rows = rows[finite]
     findings = [
         *_told(shown, [its for its in mended if b"," not in its[1]], "a stray byte in {}", "taken out"),
         *_told(
