@@ -90,6 +90,14 @@ class Environment:
         return np.flatnonzero(~transparent[self.mesh.materials])
 
     @cached_property
+    def reflectance(self) -> Floats:
+        """The probability that a scanner's ray comes back from each of the `opaque` triangles, hit squarely."""
+        from pcdbench.datasets.synthetic.materials import MATERIALS
+
+        lost = np.array([1.0 if material.mirror else material.dropout for material in MATERIALS])
+        return 1.0 - lost[self.mesh.materials[self.opaque]]
+
+    @cached_property
     def raycaster(self) -> MeshRaycaster:
         """Casts rays on the opaque triangles; its triangle numbers are rows of `opaque`."""
         from pcdbench.geometry.visibility import MeshRaycaster

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.datasets.synthetic.environment import Environment, Floats
 from pcdbench.datasets.synthetic.lighting import shaded_colors
-from pcdbench.datasets.synthetic.materials import MATERIALS
 from pcdbench.geometry.sampling import first_of_each
 from pcdbench.geometry.visibility import camera_directions, panorama_directions
+from pcdbench.threads import at_once
 
 MAX_POINTS = 360_000
 VOXEL_M = 0.015
@@ -71,29 +71,89 @@ class Scan:
 
 def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], rng: np.random.Generator) -> Scan:
     """What the survey brings home from within `box` (lowest and highest corner)."""
-    parts = [_returns(environment, survey, pose, box, rng) for pose in survey.poses]
-    points = np.concatenate([part[0] for part in parts])
-    kept = _thinned(points, rng)
-    points, normals, triangles = points[kept], *(np.concatenate([part[k] for part in parts])[kept] for k in (1, 2))
+    views, chances = _views(environment, survey, box, rng)
+    parts = at_once(
+        *(
+            partial(_returns, survey, pose, box, view, chance)
+            for pose, view, chance in zip(survey.poses, views, chances, strict=True)
+        )
+    )
+    merged = np.concatenate([points for points, _ in parts])
+    kept = _thinned(merged, rng)
+    first_of_part = np.cumsum([0] + [len(points) for points, _ in parts])
     exposure = np.clip(rng.normal(1.0, 0.035, (len(parts), 3)) * rng.normal(1.0, 0.05, (len(parts), 1)), 0.8, 1.2)
-    first_frame = np.cumsum([0] + [len(part[0]) for part in parts])
-    frame = np.searchsorted(first_frame, kept, side="right") - 1
-    noise = rng.normal(0.0, 0.018, (len(points), 3)).astype(np.float32)
-    return Scan(environment, points, normals, triangles, exposure.astype(np.float32)[frame], noise)
+    noise = rng.normal(0.0, 0.018, (len(kept), 3)).astype(np.float32)
+    part = np.searchsorted(first_of_part, kept, side="right") - 1
+    # Only now what the points were measured on: most of them were thinned out.
+    rows_of_view = np.split(kept, np.searchsorted(kept, first_of_part[1:-1]))
+    rows_of_view = [
+        returned[rows - first]
+        for rows, first, (_, returned) in zip(rows_of_view, first_of_part[:-1], parts, strict=True)
+    ]
+    normals = np.concatenate([view.normals[rows] for view, rows in zip(views, rows_of_view, strict=True)])
+    hit = np.concatenate([view.triangles[rows] for view, rows in zip(views, rows_of_view, strict=True)])
+    return Scan(environment, merged[kept], normals, environment.opaque[hit], exposure.astype(np.float32)[part], noise)
 
 
-def _returns(
-    environment: Environment, survey: Survey, pose: Floats, box: tuple[Floats, Floats], rng: np.random.Generator
-) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Points, normals and triangles that one station or frame measured within the box."""
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What the N rays of one station or frame met that ended in the box or near it.
+
+    Attributes:
+        towards: (N, 3) unit directions.
+        range_m: (N,) metres to what they met.
+        beyond_m: (N,) metres to what the next ray met, 0 where nothing.
+        normals: (N, 3) unit, towards the scanner.
+        triangles: (N,) rows of the environment's opaque triangles.
+        back: (N,) the probability that light comes back.
+    """
+
+    towards: Floats
+    range_m: Floats
+    beyond_m: Floats
+    normals: Floats
+    triangles: NDArray[np.int64]
+    back: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Chance:
+    """The random numbers of one station or frame: of each of its N rays, and of its registration."""
+
+    returns: Floats
+    range_error: Floats
+    mixes: Floats
+    mixture: Floats
+    offset: Floats
+    turn: float
+
+    @staticmethod
+    def of(count: int, rng: np.random.Generator) -> _Chance:
+        """Those of a view of `count` rays."""
+        returns, range_error = rng.uniform(size=count), rng.normal(0.0, 1.0, count)
+        mixes, mixture = rng.uniform(size=count), rng.uniform(size=count)
+        # Stations are registered to each other with a small error.
+        return _Chance(returns, range_error, mixes, mixture, rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003))
+
+
+def _views(
+    environment: Environment, survey: Survey, box: tuple[Floats, Floats], rng: np.random.Generator
+) -> tuple[list[_View], list[_Chance]]:
+    """What every station or frame sees, and its random numbers, which are drawn one after the other."""
     if survey.hand_held:
-        tilt = np.radians(rng.uniform(-28.0, 22.0))
-        level = camera_directions(77.0, 144, 108)
-        c, s = np.cos(tilt), np.sin(tilt)
-        seen = level @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-    else:
-        seen = _panorama(survey.step_deg, 90.0 if survey.ceiling else 12.0)
-    directions = _turned(seen, float(pose[3]))
+        views, chances = [], []
+        for pose in survey.poses:
+            views.append(_view(environment, survey, pose, _tilted(float(np.radians(rng.uniform(-28.0, 22.0)))), box))
+            chances.append(_Chance.of(len(views[-1].range_m), rng))
+        return views, chances
+    rays = _panorama(survey.step_deg, 90.0 if survey.ceiling else 12.0)
+    views = at_once(*(partial(_view, environment, survey, pose, rays, box) for pose in survey.poses))
+    return views, [_Chance.of(len(view.range_m), rng) for view in views]
+
+
+def _view(environment: Environment, survey: Survey, pose: Floats, rays: Floats, box: tuple[Floats, Floats]) -> _View:
+    """What the rays, in the scanner's own frame, meet from a pose."""
+    directions = _turned(rays, float(pose[3]))
     hits = environment.raycaster.cast(pose[:3], directions)
     reached = np.where(np.isfinite(hits.range_m), hits.range_m, 0.0)
     near = (reached > 0.3) & (reached < survey.max_range_m)
@@ -102,32 +162,41 @@ def _returns(
         end = pose[k] + directions[:, k] * reached
         near &= (end > box[0][k] - 0.5) & (end < box[1][k] + 0.5)
     rows = np.flatnonzero(near)
-    beyond = np.roll(reached, -1)[rows]
-    towards, range_m, normals = directions[rows], reached[rows], hits.normals[rows]
-    triangle = environment.opaque[hits.triangle[rows]]
+    towards, range_m, normals, triangles = directions[rows], reached[rows], hits.normals[rows], hits.triangle[rows]
     incidence = -np.einsum("ij,ij->i", normals, towards)
-    lost = np.array([1.0 if material.mirror else material.dropout for material in MATERIALS])
     # At grazing incidence little light comes back, the less the farther away.
     back = np.clip(incidence * 14.0 / np.maximum(1.0, range_m / 4.0), 0.0, 1.0)
-    back *= 1.0 - lost[environment.mesh.materials[triangle]]
-    returned = rng.uniform(size=len(rows)) < back
-    sigma = np.minimum((0.003 if survey.hand_held else 0.002) + 0.0006 * range_m, 0.007)
-    noisy = range_m + rng.normal(0.0, 1.0, len(rows)) * sigma
+    back *= environment.reflectance[triangles]
+    return _View(towards, range_m, np.roll(reached, -1)[rows], normals, triangles, back)
+
+
+def _returns(
+    survey: Survey, pose: Floats, box: tuple[Floats, Floats], view: _View, chance: _Chance
+) -> tuple[Floats, NDArray[np.int64]]:
+    """The points that one station or frame measured within the box, and the rows of its view that they are of."""
+    returned = chance.returns < view.back
+    sigma = np.minimum((0.003 if survey.hand_held else 0.002) + 0.0006 * view.range_m, 0.007)
+    noisy = view.range_m + chance.range_error * sigma
     # Mixed pixels: a beam on a depth edge returns something between its two surfaces.
-    step = np.where(beyond > 0, np.abs(beyond - range_m), 0.0)
-    mixed = (step > 0.15) & (step < 3.0) & (rng.uniform(size=len(rows)) < MIXED_SHARE)
-    noisy = np.where(mixed, range_m + (beyond - range_m) * rng.uniform(size=len(rows)), noisy)
+    further = view.beyond_m - view.range_m
+    step = np.where(view.beyond_m > 0, np.abs(further), 0.0)
+    mixed = np.flatnonzero((step > 0.15) & (step < 3.0) & (chance.mixes < MIXED_SHARE))
+    noisy[mixed] = view.range_m[mixed] + further[mixed] * chance.mixture[mixed]
     for k in range(3):
-        end = pose[k] + towards[:, k] * noisy
+        end = pose[k] + view.towards[:, k] * noisy
         returned &= (end >= box[0][k]) & (end <= box[1][k])
     inside = np.flatnonzero(returned)
-    # Stations are registered to each other with a small error.
-    offset, turn = rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003)
-    moved = pose[:3] + towards[inside] * noisy[inside, None] + offset
+    moved = pose[:3] + view.towards[inside] * noisy[inside, None] + chance.offset
     arm = moved - pose[:3]
-    moved[:, 0] -= turn * arm[:, 1]
-    moved[:, 1] += turn * arm[:, 0]
-    return moved, normals[inside], triangle[inside]
+    moved[:, 0] -= chance.turn * arm[:, 1]
+    moved[:, 1] += chance.turn * arm[:, 0]
+    return moved, inside
+
+
+def _tilted(tilt_rad: float) -> Floats:
+    """The rays of a depth camera that looks up (or, below 0, down) by `tilt_rad`, in the frame of who holds it."""
+    c, s = np.cos(tilt_rad), np.sin(tilt_rad)
+    return camera_directions(77.0, 144, 108) @ np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def _turned(directions: Floats, yaw_rad: float) -> Floats:
