@@ -36,7 +36,7 @@ class PatchwiseOptions(pcdbench.Options):
         2.0, gt=0, description="with keep_observed: this far from any observed point nothing was observed"
     )
     weights: str = Field(
-        "", description="a safetensors file of one's own, or https://...#sha256=DIGEST; empty for the package's"
+        "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
     )
 
 

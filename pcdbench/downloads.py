@@ -1,51 +1,98 @@
-"""Files from the network: only where the user names one with its digest, and used only if it is that file."""
+"""Files from elsewhere: only where the user names one with its digest, and used only if it is that file."""
 
 from __future__ import annotations
 
+import hashlib
 import re
+import tempfile
 from pathlib import Path
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.keys import file_digest
 from pcdbench.paths import cache_dir
 
-_ADDRESS = re.compile(r"https?://", re.IGNORECASE)
+# A single letter is a drive of Windows.
+_ADDRESS = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
+_HTTP = re.compile(r"https?://", re.IGNORECASE)
 _DIGEST = re.compile(r"sha256=([0-9a-f]{64})", re.IGNORECASE)
 _TIMEOUT_S = 30.0
+_BLOCK_BYTES = 1 << 20
 
 
 def is_address(text: str) -> bool:
-    """Whether a text names a file on the network and not one on disk."""
+    """Whether a text names a file by a URL and not by a path."""
     return bool(_ADDRESS.match(text))
 
 
 def downloaded(address: str) -> Path:
-    """The file at `https://.../name#sha256=DIGEST`, kept in the cache folder by its digest.
+    """The file at `PROTOCOL://.../name#sha256=DIGEST`, kept in the cache folder by its digest.
 
-    It is hashed each time: one that was changed on disk is fetched anew.
+    The protocol is http, https or another one of fsspec (s3, gs, ssh, ...). The kept file is hashed each time: one
+    that was changed on disk is fetched anew.
 
     Raises:
-        PcdbenchError: where the address has no digest, cannot be reached, or holds another file.
+        PcdbenchError: where the address has no digest, cannot be read, or holds another file.
     """
-    url, _, fragment = address.partition("#")
-    digest = _DIGEST.fullmatch(fragment)
-    if digest is None:
+    url, _, fragment = address.rpartition("#")
+    found = _DIGEST.fullmatch(fragment)
+    if found is None:
         raise PcdbenchError(f"{address} needs the file's digest, without which nothing is used: URL#sha256=<64 digits>")
+    digest = found[1].lower()
+    # In zip://room.ply::s3://bucket/rooms.zip the file is the first.
+    suffix = Path(re.split(r"::|\?", url)[0]).suffix[:20]
+    kept = cache_dir() / "downloads" / re.sub(r"[^A-Za-z0-9.]", "_", digest + suffix)
+    fetch = _fetch_by_http if _HTTP.match(url) else _fetch_by_fsspec
+    fetch(url, digest, kept)
+    return kept
+
+
+def _fetch_by_http(url: str, digest: str, kept: Path) -> None:
     import pooch
 
     pooch.get_logger().setLevel("WARNING")
-    name = digest[1].lower() + Path(url.partition("?")[0]).suffix[:20]
     try:
-        found = pooch.retrieve(
+        pooch.retrieve(
             url,
-            known_hash=f"sha256:{digest[1].lower()}",
-            fname=re.sub(r"[^A-Za-z0-9.]", "_", name),
-            path=cache_dir() / "downloads",
+            known_hash=f"sha256:{digest}",
+            fname=kept.name,
+            path=kept.parent,
             downloader=pooch.HTTPDownloader(timeout=_TIMEOUT_S),
         )
     except ValueError as error:
-        reason = "is not the file of that digest" if "hash" in str(error) else f"cannot be used ({error})"
-        raise PcdbenchError(f"{url} {reason}; nothing of it is kept: check address and digest") from None
+        raise _other_file(url) if "hash" in str(error) else _unusable(url, "used", error) from None
     except OSError as error:
-        reason = " ".join(str(error).split())[:200]
-        raise PcdbenchError(f"{url} cannot be downloaded ({reason}); check it and try again, or give a file") from None
-    return Path(found)
+        raise _unusable(url, "downloaded", error) from None
+
+
+def _fetch_by_fsspec(url: str, digest: str, kept: Path) -> None:
+    import fsspec
+
+    if kept.is_file() and file_digest(kept) == digest:
+        return
+    try:
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=kept.parent) as folder:
+            copy, hashed = Path(folder, "copy"), hashlib.sha256()
+            with fsspec.open(url, "rb") as source, copy.open("wb") as target:
+                while block := source.read(_BLOCK_BYTES):
+                    hashed.update(block)
+                    target.write(block)
+            same = hashed.hexdigest() == digest
+            if same:
+                copy.replace(kept)
+    # Each protocol's package has errors of its own.
+    except Exception as error:
+        raise _unusable(url, "read", error) from None
+    if not same:
+        raise _other_file(url)
+
+
+def _other_file(url: str) -> PcdbenchError:
+    return PcdbenchError(f"{url} is not the file of that digest; nothing of it is kept: check address and digest")
+
+
+def _unusable(url: str, done: str, error: Exception) -> PcdbenchError:
+    reason = "there is no such file" if isinstance(error, FileNotFoundError) else " ".join(str(error).split())[:200]
+    return PcdbenchError(
+        f"{url} cannot be {done} ({reason or type(error).__name__}); check it and try again, or give a file on disk"
+    )

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
+from pcdbench.downloads import is_address
 from pcdbench.errors import PcdbenchError
 from pcdbench.plugins import did_you_mean
 from pcdbench.runner.plan import ALL, DEFAULT_LEVELS, Request
@@ -152,7 +153,7 @@ def _dataset(entry: DatasetEntry, folder: Path) -> str:
         raise PcdbenchError(
             f"the suite's data are at {path}, and that is not set; set it, or give --dataset {name}:PATH"
         )
-    return f"{name}:{expanded if '://' in expanded else folder / Path(expanded).expanduser()}"
+    return f"{name}:{expanded if is_address(expanded) else folder / Path(expanded).expanduser()}"
 
 
 def _told(path: Path, text: str, error: ValidationError) -> str:

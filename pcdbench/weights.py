@@ -31,7 +31,7 @@ class Weights:
 
         Args:
             shipped: where the package has them.
-            own: a file to use instead, on disk or at `https://...#sha256=DIGEST`; empty for none.
+            own: a file to use instead, on disk or at `PROTOCOL://...#sha256=DIGEST` (see `downloads`); empty for none.
             name: of the completer, or of its part (`deeppcd.color`), for messages.
 
         Raises:
@@ -128,8 +128,8 @@ def model_card(weights: Path) -> Mapping[str, Any] | None:
     if not path.is_file():
         return None
     try:
-        card = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
+        card = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise PcdbenchError(f"the model card {path} cannot be read ({error}); get it again") from None
     if not isinstance(card, dict):
         raise PcdbenchError(f"the model card {path} holds no JSON object; get it again")

@@ -41,7 +41,9 @@ class VoxelUNetCompleter(LearnedCompleter):
 
     class Options(pcdbench.Options):
         threshold: float = Field(0.25, gt=0, lt=1, description="occupancy above which surface is added")
-        weights: str = Field("", description="a safetensors file of one's own; empty for those in the package")
+        weights: str = Field(
+            "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
+        )
 
     options: Options
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
