@@ -50,12 +50,14 @@ def load_checkpoint(
             progress = json.loads((stored.metadata() or {}).get("progress", ""))
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - not a mapping
         network.load_state_dict(_under("network/", tensors))
+        _require_shapes(_under("average/", tensors), network.state_dict())
         state: dict[int, dict[str, Tensor]] = {}
         for name, value in _under("optimizer/", tensors).items():
             index, _, key = name.partition("/")
             state.setdefault(int(index), {})[key] = value
+        _require_state(state, optimizer)
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
-    except (OSError, SafetensorError, ValueError, RuntimeError, RecursionError) as error:
+    except (OSError, SafetensorError, KeyError, ValueError, RuntimeError, RecursionError) as error:
         reason = " ".join(str(error).split())[:200]
         raise PcdbenchError(f"{path} is not a checkpoint of this network ({reason}); train without --resume") from error
     average.update(_under("average/", tensors))
@@ -69,6 +71,24 @@ def save_weights(path: Path, average: Mapping[str, Tensor]) -> None:
     partial = path.with_suffix(".partial")
     save_file({name: value.detach().cpu().half().contiguous() for name, value in average.items()}, partial)
     os.replace(partial, path)
+
+
+def _require_shapes(tensors: Mapping[str, Tensor], like: Mapping[str, Tensor]) -> None:
+    """Raise ValueError unless these are tensors of the same names and shapes."""
+    if {name: its.shape for name, its in tensors.items()} != {name: its.shape for name, its in like.items()}:
+        raise ValueError("its average is one of other tensors")
+
+
+def _require_state(state: Mapping[int, Mapping[str, Tensor]], optimizer: torch.optim.Optimizer) -> None:
+    """Raise ValueError unless this is the optimizer's state: the same entries, each a number or of its tensor's shape.
+
+    Torch looks at none of this before the next step.
+    """
+    parameters = [its for group in optimizer.param_groups for its in group["params"]]
+    for index, its in state.items():
+        shapes = (parameters[index].shape, ()) if 0 <= index < len(parameters) else ()
+        if its.keys() != next(iter(state.values())).keys() or any(value.shape not in shapes for value in its.values()):
+            raise ValueError(f"the state of its optimizer is damaged at tensor {index}")
 
 
 def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

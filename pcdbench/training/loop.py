@@ -11,9 +11,11 @@ from typing import Any
 import numpy as np
 import torch
 from accelerate import Accelerator
+from pydantic import TypeAdapter, ValidationError
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
+from pcdbench.errors import PcdbenchError
 from pcdbench.keys import seed_from
 from pcdbench.threads import limit_threads, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
@@ -105,6 +107,22 @@ class _Examples(Dataset):
         return self._trainee.example(self._stream[index], rng)
 
 
+def resumed(path: Path, network: nn.Module, average: dict[str, Tensor], optimizer: torch.optim.Optimizer) -> Progress:
+    """Where the training of a checkpoint was; network, average and optimizer are restored in place.
+
+    Raises:
+        PcdbenchError: where the file is not a checkpoint of this network.
+    """
+    try:
+        return TypeAdapter(Progress).validate_python(load_checkpoint(path, network, average, optimizer))
+    except ValidationError as error:
+        told = error.errors()[0]
+        where = ".".join(map(str, told["loc"]))
+        raise PcdbenchError(
+            f"{path} does not say where its training was ({where}: {told['msg']}); train without --resume"
+        ) from None
+
+
 def train(
     trainee: Trainee,
     out: Path,
@@ -147,7 +165,7 @@ def train(
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
     progress, checkpoint, curve = Progress(), out / "checkpoint.safetensors", Curve(out)
     if resume and checkpoint.exists():
-        progress = Progress(**load_checkpoint(checkpoint, plain, average, optimizer))
+        progress = resumed(checkpoint, plain, average, optimizer)
         curve.cut(progress.step)
     network, optimizer = accelerator.prepare(plain, optimizer)
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.completer import Completer
+from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 
 if TYPE_CHECKING:
@@ -51,6 +52,11 @@ class Trainee(ABC):
     """
 
     presets: ClassVar[Mapping[str, Preset]] = {"default": Preset()}
+
+    @classmethod
+    def for_options(cls, options: Options) -> Trainee:
+        """The trainee of a completer with these options, for completers some of whose options change the network."""
+        return cls()
 
     @abstractmethod
     def network(self) -> nn.Module:

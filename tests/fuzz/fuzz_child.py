@@ -86,10 +86,14 @@ def _weights(path: Path) -> None:
 def _checkpoint(path: Path) -> None:
     import torch
 
-    from pcdbench.training.checkpoint import load_checkpoint
+    from pcdbench.training.loop import resumed
 
-    network = torch.nn.Linear(3, 2)
-    load_checkpoint(path, network, {}, torch.optim.Adam(network.parameters()))
+    network, average = torch.nn.Linear(3, 2), {}
+    optimizer = torch.optim.Adam(network.parameters())
+    assert resumed(path, network, average, optimizer).step >= 0
+    torch.nn.Linear(3, 2).load_state_dict(average)
+    network(torch.ones(1, 3)).sum().backward()
+    optimizer.step()
 
 
 TARGETS: dict[str, Callable[[Path], None]] = {
@@ -109,7 +113,7 @@ _LIBRARIES = {
     "sequence": ("pcdbench.datasets.rgbd.layouts",),
     "s3dis": ("pcdbench.datasets.s3dis.text",),
     "weights": ("pcdbench.weights", "safetensors.torch"),
-    "checkpoint": ("pcdbench.training.checkpoint", "safetensors.torch", "torch.optim.adam", "torch._dynamo"),
+    "checkpoint": ("pcdbench.training.loop", "safetensors.torch", "torch.optim.adam", "torch._dynamo"),
 }
 
 
