@@ -18,6 +18,8 @@ MAX_POINTS = 360_000
 VOXEL_M = 0.015
 MIXED_SHARE = 0.02
 
+_PIECE = 32768  # points at a time
+
 
 @dataclass(frozen=True, eq=False)
 class Survey:
@@ -217,12 +219,23 @@ def _panorama(step_deg: float, max_elevation_deg: float) -> Floats:
 def _thinned(points: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
     """Sorted rows of at most `MAX_POINTS` points: one in each voxel, of 15 mm or as large as it takes."""
     edge = VOXEL_M
-    x, y, z = np.ascontiguousarray(points.T)
-    offset = np.array([x.min(), y.min(), z.min()]) - rng.uniform(0.0, 0.01, 3) if len(points) else np.zeros(3)
+    left = np.ascontiguousarray(points.T)
+    origin = left.min(axis=1) - rng.uniform(0.0, 0.01, 3) if len(points) else np.zeros(3)
     kept = np.arange(len(points))
     while True:
-        i, j, k = (((axis[kept] - low) / edge).astype(np.int64) for axis, low in zip((x, y, z), offset, strict=True))
-        kept = kept[first_of_each((i << 26) | (j << 13) | k)]
+        first = first_of_each(_voxel_numbers(left, origin, edge))
+        kept, left = kept[first], left.take(first, axis=1)
         if len(kept) <= MAX_POINTS:
             return kept
         edge *= max(1.05, (len(kept) / MAX_POINTS) ** 0.5)
+
+
+def _voxel_numbers(columns: Floats, origin: Floats, edge: float) -> NDArray[np.int64]:
+    """(N,) the number of the voxel of each of (3, N) points; piece by piece, whose arrays stay in the cache."""
+    numbers = np.zeros(columns.shape[1], np.int64)
+    for start in range(0, len(numbers), _PIECE):
+        here = numbers[start : start + _PIECE]
+        for axis, low in zip(columns, origin, strict=True):
+            here <<= 13
+            here |= ((axis[start : start + _PIECE] - low) / edge).astype(np.int64)
+    return numbers
