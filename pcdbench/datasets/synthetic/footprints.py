@@ -12,6 +12,8 @@ from pcdbench.datasets.synthetic.plan import Floats
 
 LARGEST_REACH_M = 4.5
 
+_RIM = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, -1], [1, 0], [0, 1], [-1, 0]], np.float64)
+
 
 @dataclass(frozen=True)
 class Footprint:
@@ -27,10 +29,13 @@ class Footprint:
 
     def corners(self) -> Floats:
         """(8, 2) its corners and the middles of its sides."""
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, -1], [1, 0], [0, 1], [-1, 0]], np.float64)
-        local = unit * [self.half_x, self.half_y]
-        return np.array([self.x, self.y]) + local @ np.array([[cos, sin], [-sin, cos]])
+        cos, sin = self.heading
+        return np.array([self.x, self.y]) + _RIM * [self.half_x, self.half_y] @ np.array([[cos, sin], [-sin, cos]])
+
+    @cached_property
+    def heading(self) -> tuple[float, float]:
+        """The cosine and the sine of its yaw."""
+        return float(np.cos(self.yaw_rad)), float(np.sin(self.yaw_rad))
 
     @cached_property
     def radius(self) -> float:
@@ -46,10 +51,10 @@ class Footprint:
         if dx * dx + dy * dy > reach * reach:
             return False
         turn = other.yaw_rad - self.yaw_rad
-        c, s = abs(np.cos(turn)), abs(np.sin(turn))
+        c, s = abs(float(np.cos(turn))), abs(float(np.sin(turn)))
         for one, b in ((self, other), (other, self)):
             ex, ey = one.half_x, one.half_y
-            cos, sin = np.cos(one.yaw_rad), np.sin(one.yaw_rad)
+            cos, sin = one.heading
             along, across = abs(dx * cos + dy * sin), abs(dy * cos - dx * sin)
             if along > ex + b.half_x * c + b.half_y * s + gap or across > ey + b.half_x * s + b.half_y * c + gap:
                 return False
@@ -57,7 +62,7 @@ class Footprint:
 
     def holds(self, points: Floats) -> bool:
         """Whether any of the (N, 2) points lies in it."""
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
+        cos, sin = self.heading
         dx, dy = points[:, 0] - self.x, points[:, 1] - self.y
         return bool(((abs(dx * cos + dy * sin) < self.half_x) & (abs(dy * cos - dx * sin) < self.half_y)).any())
 
@@ -67,8 +72,8 @@ class Footprints:
 
     def __init__(self) -> None:
         self._all: list[Footprint] = []
-        # A row each: x, y, radius, z0, z1.
-        self._rows = np.empty((64, 5))
+        # A column each: x, y, radius, z0, z1.
+        self._columns = np.empty((5, 64))
 
     def __iter__(self) -> Iterator[Footprint]:
         return iter(self._all)
@@ -76,14 +81,14 @@ class Footprints:
     def add(self, footprint: Footprint) -> None:
         """Add one."""
         count = len(self._all)
-        if count == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        self._rows[count] = footprint.x, footprint.y, footprint.radius, footprint.z0, footprint.z1
+        if count == self._columns.shape[1]:
+            self._columns = np.concatenate([self._columns, np.empty_like(self._columns)], axis=1)
+        self._columns[:, count] = footprint.x, footprint.y, footprint.radius, footprint.z0, footprint.z1
         self._all.append(footprint)
 
     def near(self, footprint: Footprint, gap: float) -> Iterator[Footprint]:
         """Those whose circle and heights come closer than `gap` to the footprint's, middles at most 4.5 m apart."""
-        x, y, radius, z0, z1 = self._rows[: len(self._all)].T
+        x, y, radius, z0, z1 = self._columns[:, : len(self._all)]
         dx, dy = x - footprint.x, y - footprint.y
         reach = footprint.radius + radius + gap
         close = (dx * dx + dy * dy <= reach * reach) & (footprint.z0 < z1) & (z0 < footprint.z1)

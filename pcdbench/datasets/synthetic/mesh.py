@@ -36,15 +36,18 @@ class Mesh:
         points = np.asarray(vertices, np.float64).reshape(-1, 3)
         corners = np.asarray(triangles, np.int64).reshape(-1, 3)
         x, y, z = _edge_products(points, corners)
-        return Mesh.of_solid(points, corners[x * x + y * y + z * z > 1e-20], material, tint)
+        solid = x * x + y * y + z * z > 1e-20
+        return Mesh.of_solid(points, corners if solid.all() else corners[solid], material, tint)
 
     @staticmethod
     def of_solid(vertices: Floats, triangles: NDArray[np.int64], material: str, tint: int) -> Mesh:
         """A mesh of one material, of vertices (V, 3) and triangles (T, 3) that all have an area."""
         count = len(triangles)
-        return Mesh(
-            vertices, triangles, np.full(count, material_id(material), np.int32), np.full(count, int(tint), np.int64)
-        )
+        # As numpy.full would make them, in a fifth of its time: there are ten thousands of small meshes.
+        materials, tints = np.empty(count, np.int32), np.empty(count, np.int64)
+        materials.fill(material_id(material))
+        tints.fill(int(tint))
+        return Mesh(vertices, triangles, materials, tints)
 
     @staticmethod
     def merge(meshes: Iterable[Mesh]) -> Mesh:
@@ -65,7 +68,7 @@ class Mesh:
         turned = self.vertices
         if yaw_rad:
             turned = turned @ rotation_about("z", yaw_rad).T
-        return replace(self, vertices=turned + np.asarray(translation, np.float64))
+        return Mesh(turned + np.asarray(translation, np.float64), self.triangles, self.materials, self.tints)
 
     def rotated(self, axis: str, angle_rad: float) -> Mesh:
         """Turned by `angle_rad` about the x, y or z axis of its own frame."""

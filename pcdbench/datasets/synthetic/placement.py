@@ -76,12 +76,18 @@ class Placement:
         Args:
             beside: a piece that it may reach under or over (a chair its desk).
         """
-        low, high = built.mesh.bounds()
-        cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-        cx, cy = (low + high)[:2] / 2
-        half = (high - low)[:2] / 2
+        # In Python's floats here and below: arithmetic with numpy's takes three times as long.
+        (x0, y0, z0), (x1, y1, z1) = built.corners
+        cos, sin = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
+        cx, cy = (x0 + x1) / 2, (y0 + y1) / 2
         footprint = Footprint(
-            x + cx * cos - cy * sin, y + cx * sin + cy * cos, half[0], half[1], yaw_rad, z + low[2] + 0.001, z + high[2]
+            x + cx * cos - cy * sin,
+            y + cx * sin + cy * cos,
+            (x1 - x0) / 2,
+            (y1 - y0) / 2,
+            yaw_rad,
+            z + z0 + 0.001,
+            z + z1,
         )
         if not self._fits(room, footprint, gap, beside):
             return None
@@ -128,8 +134,8 @@ class Placement:
     ) -> Placed | None:
         """Put a piece with its back to a wall of the room, clear of doors, and of windows it would hide."""
         built = self.build(name)
-        low, high = built.mesh.bounds()
-        width = float(high[0] - low[0])
+        low, high = built.corners
+        width = high[0] - low[0]
         edges = [
             (*edge, length)
             for edge, length in zip(room.edges(), room.edge_lengths, strict=True)
@@ -163,20 +169,22 @@ class Placement:
         Args:
             flipped: its front to the wall (desks: who sits at them looks towards +y of their frame).
         """
-        low, high = built.mesh.bounds()
-        width = float(high[0] - low[0])
-        along = (end - start) / np.hypot(*(end - start))
-        inward = np.array([-along[1], along[0]])
+        low, high = built.corners
+        width = high[0] - low[0]
+        (start_x, start_y), (end_x, end_y) = start.tolist(), end.tolist()
+        length = float(np.hypot(end_x - start_x, end_y - start_y))
+        along_x, along_y = (end_x - start_x) / length, (end_y - start_y) / length
         for a, b, opening in self.plan.openings_of(start, end):
             hidden = z + high[2] > opening.z0 + 0.02 and z + low[2] < opening.z1
             if hidden and first < b + 0.08 and first + width > a - 0.08:
                 return None
         turn = float(self.rng.uniform(-jitter_rad, jitter_rad)) if jitter_rad else 0.0
-        off = off_m + abs(np.sin(turn)) * width / 2
+        off = off_m + abs(float(np.sin(turn))) * width / 2
         left, back = (high[0], high[1]) if flipped else (-low[0], -low[1])
-        x, y = start + along * (first + left) + inward * (off + back)
-        yaw = float(np.arctan2(along[1], along[0])) + turn + (np.pi if flipped else 0.0)
-        return self.put(room, name, built, float(x), float(y), yaw, z, gap)
+        x = start_x + along_x * (first + left) - along_y * (off + back)
+        y = start_y + along_y * (first + left) + along_x * (off + back)
+        yaw = float(np.arctan2(along_y, along_x)) + turn + (np.pi if flipped else 0.0)
+        return self.put(room, name, built, x, y, yaw, z, gap)
 
     def on_top(self, room: Room, holder: Placed, names: list[str], chance: float = 0.8, at_most: int = 6) -> None:
         """Put things on the tops of a placed piece."""
@@ -186,8 +194,8 @@ class Placement:
             for _ in range(int(self.rng.integers(1, at_most + 1))):
                 name = str(self.rng.choice(names))
                 built = self.build(name)
-                low, high = built.mesh.bounds()
-                reach = float(np.hypot(*(high - low)[:2])) / 2
+                low, high = built.corners
+                reach = float(np.hypot(high[0] - low[0], high[1] - low[1])) / 2
                 room_x, room_y = top.size[0] / 2 - reach, top.size[1] / 2 - reach
                 if room_x < 0 or room_y < 0:
                     continue

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pcdbench.datasets.synthetic.mesh import Floats, Mesh
 from pcdbench.datasets.synthetic.polygons import bridged, signed_area, triangulated
@@ -51,12 +52,19 @@ def surface(grid: ArrayLike, material: str, tint: int = 0, closed: bool = False)
     """
     points = np.asarray(grid, np.float64)
     rows, columns = points.shape[:2]
+    return Mesh.of(points.reshape(-1, 3), _grid_triangles(rows, columns, closed), material, tint)
+
+
+@lru_cache(maxsize=256)
+def _grid_triangles(rows: int, columns: int, closed: bool) -> NDArray[np.int64]:
+    """(T, 3) the triangles of a grid of points, numbered row by row; not to be written to."""
     index = np.arange(rows * columns).reshape(rows, columns)
     if closed:
         index = np.concatenate([index, index[:, :1]], axis=1)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     triangles = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-    return Mesh.of(points.reshape(-1, 3), triangles, material, tint)
+    triangles.flags.writeable = False
+    return triangles
 
 
 def prism(
@@ -146,17 +154,20 @@ def lathe(
     profile: ArrayLike, material: str, tint: int = 0, center: ArrayLike = (0.0, 0.0, 0.0), segments: int = 20
 ) -> Mesh:
     """A profile (K, 2) of (radius, z), from bottom to top on the outside, turned about the z axis through `center`."""
-    radius, z = np.asarray(profile, np.float64).T
-    angle = 2 * np.pi * np.arange(segments) / segments
-    grid = np.stack(
-        [
-            np.outer(radius, np.cos(angle)),
-            np.outer(radius, np.sin(angle)),
-            np.broadcast_to(z[:, None], (len(z), segments)),
-        ],
-        axis=-1,
-    )
+    radius, z = np.asarray(profile, np.float64).T[:, :, None]
+    cos, sin = _circle(segments)
+    grid = np.empty((len(radius), segments, 3))
+    grid[..., 0], grid[..., 1], grid[..., 2] = radius * cos, radius * sin, z
     return surface(grid + np.asarray(center, np.float64), material, tint, closed=True)
+
+
+@lru_cache(maxsize=64)
+def _circle(segments: int) -> tuple[Floats, Floats]:
+    """The cosines and the sines, (segments,) each, of as many directions around a circle; not to be written to."""
+    angle = 2 * np.pi * np.arange(segments) / segments
+    cos, sin = np.cos(angle), np.sin(angle)
+    cos.flags.writeable = sin.flags.writeable = False
+    return cos, sin
 
 
 def cylinder(radius: float, height: float, base: ArrayLike, material: str, tint: int = 0, segments: int = 20) -> Mesh:
@@ -183,22 +194,35 @@ def ellipsoid(
 ) -> Mesh:
     """An ellipsoid; a `squareness` below 1 (to about 0.3) swells it towards its box, as cushions are."""
     rise = np.linspace(-np.pi / 2, np.pi / 2, max(5, segments // 2 + 1))[:, None]
-    angle = (2 * np.pi * np.arange(segments) / segments)[None, :]
-    grid = np.stack(
-        [
-            _power(np.cos(rise), squareness) * _power(np.cos(angle), squareness),
-            _power(np.cos(rise), squareness) * _power(np.sin(angle), squareness),
-            np.broadcast_to(_power(np.sin(rise), max(squareness, 0.6)), (len(rise), segments)),
-        ],
-        axis=-1,
-    )
+    cos, sin = _circle(segments)
+    flat = _power(np.cos(rise), squareness)
+    grid = np.empty((len(rise), segments, 3))
+    grid[..., 0], grid[..., 1] = flat * _power(cos, squareness), flat * _power(sin, squareness)
+    grid[..., 2] = _power(np.sin(rise), max(squareness, 0.6))
     return surface(grid * np.asarray(radii, np.float64) + np.asarray(center, np.float64), material, tint, closed=True)
 
 
 def _cross(a: Floats, b: Floats) -> Floats:
     """What `numpy.cross` gives for rows (N, 3) and a row or rows, in a quarter of its time."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    product = np.empty(a.shape)
+    product[:, 0], product[:, 1], product[:, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return product
+
+
+def _normalized(rows: Floats) -> Floats:
+    """What dividing rows (N, 3) by their `numpy.linalg.norm` gives, in a third of its time."""
+    return rows / np.sqrt(np.add.reduce(rows * rows, axis=1, keepdims=True))
+
+
+def _along(path: Floats, closed: bool) -> Floats:
+    """(K, 3) how a path goes at each of its points: of a ring, or as `numpy.gradient` gives it, in a sixth of its time."""
+    if closed:
+        return np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0)
+    along = np.empty_like(path)
+    along[1:-1] = (path[2:] - path[:-2]) / 2.0
+    along[0], along[-1] = path[1] - path[0], path[-1] - path[-2]
+    return along
 
 
 def _power(values: Floats, exponent: float) -> Floats:
@@ -223,18 +247,15 @@ def tube(
     Its circles are turned by the one of seven directions that the path keeps furthest from: no twist, no pinch.
     """
     points = np.asarray(path, np.float64)
-    tangents = np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0) if closed else np.gradient(points, axis=0)
-    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+    tangents = _normalized(_along(points, closed))
     # Rounded, so that a tie is broken alike on every machine.
     closeness = np.round(np.abs(_DIRECTIONS @ tangents.T).max(axis=1), 6)
     reference = _DIRECTIONS[np.argmin(closeness)]
-    across = _cross(tangents, reference)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    across = _normalized(_cross(tangents, reference))
     side = _cross(tangents, across)
-    angle = 2 * np.pi * np.arange(segments) / segments
-    radii = np.broadcast_to(np.asarray(radius, np.float64), (len(points),))[:, None, None]
-    circles = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * side[:, None]
-    rings = points[:, None] + radii * circles
+    cos, sin = _circle(segments)
+    circles = cos[:, None] * across[:, None] + sin[:, None] * side[:, None]
+    rings = points[:, None] + np.asarray(radius, np.float64).reshape(-1, 1, 1) * circles
     if closed:
         return surface(np.concatenate([rings, rings[:1]]), material, tint, closed=True)
     caps = np.repeat(points[[0, -1], None], segments, axis=1)
@@ -261,20 +282,13 @@ def rounded_box(
     rises = np.concatenate([quarter - np.pi / 2, quarter])
     sign_z = np.repeat([-1.0, 1.0], steps + 1)
     inner = half - radius
-    rows = [
-        np.stack(
-            [
-                sign_x * inner[0] + radius * np.cos(rise) * np.cos(turns),
-                sign_y * inner[1] + radius * np.cos(rise) * np.sin(turns),
-                np.full(len(turns), sign * inner[2] + radius * np.sin(rise)),
-            ],
-            axis=1,
-        )
-        for rise, sign in zip(rises, sign_z, strict=True)
-    ]
-    caps = [np.tile([0.0, 0.0, z], (len(turns), 1)) for z in (-half[2], half[2])]
-    grid = np.stack([caps[0], *rows, caps[1]]) + np.asarray(center, np.float64)
-    return surface(grid, material, tint, closed=True)
+    out = (radius * np.cos(rises))[:, None]
+    grid = np.zeros((len(rises) + 2, len(turns), 3))
+    grid[1:-1, :, 0] = sign_x * inner[0] + out * np.cos(turns)
+    grid[1:-1, :, 1] = sign_y * inner[1] + out * np.sin(turns)
+    grid[1:-1, :, 2] = (sign_z * inner[2] + radius * np.sin(rises))[:, None]
+    grid[0, :, 2], grid[-1, :, 2] = -half[2], half[2]
+    return surface(grid + np.asarray(center, np.float64), material, tint, closed=True)
 
 
 def sheet(heights: ArrayLike, size: tuple[float, float], thickness: float, material: str, tint: int = 0) -> Mesh:

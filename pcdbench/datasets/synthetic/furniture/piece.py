@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -38,6 +39,12 @@ class Built:
 
     mesh: Mesh
     tops: tuple[Top, ...] = ()
+
+    @cached_property
+    def corners(self) -> tuple[list[float], list[float]]:
+        """The lowest and the highest corner of the mesh, x, y, z each, metres."""
+        low, high = self.mesh.bounds()
+        return low.tolist(), high.tolist()
 
 
 @dataclass(frozen=True)
