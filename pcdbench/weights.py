@@ -107,6 +107,10 @@ class LearnedCompleter(Completer):
         digests = [weights.digest for weights in self._weights]
         return digest(digests) if len(digests) > 1 else next(iter(digests), None)
 
+    def weights_files(self) -> list[Path]:
+        """The files in use, that of the main network first."""
+        return [weights.path for weights in self._weights]
+
     def model_card(self) -> Mapping[str, Any] | None:
         """That of the main network."""
         return self._weights[0].card if self._weights else None

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from pcdbench.options import Options
 from pcdbench.training.chamfer import matched
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
@@ -44,6 +45,11 @@ class DeepPCDTrainee(Trainee):
     def __init__(self, options: DeepPCDOptions | None = None) -> None:
         """Train a network of these options; weights, colour and merging play no part."""
         self.options = DeepPCDOptions.model_validate({}) if options is None else options
+
+    @classmethod
+    def for_options(cls, options: Options) -> DeepPCDTrainee:
+        assert isinstance(options, DeepPCDOptions)
+        return cls(options)
 
     def network(self) -> nn.Module:
         return DeepPCDNetwork(self.options.plane_points, self.options.generator)

@@ -8,7 +8,7 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import audit, complete, data, doctor, leaderboard, list_, results, run, show, train, view
+from pcdbench.cli import audit, complete, data, doctor, leaderboard, list_, paper, results, run, show, train, view
 from pcdbench.errors import PcdbenchError
 
 
@@ -33,6 +33,7 @@ app.command("audit")(audit.audit)
 app.add_typer(data.app, name="data")
 app.add_typer(leaderboard.app, name="leaderboard")
 app.command("complete")(complete.complete)
+app.command("paper")(paper.paper)
 app.command("doctor")(doctor.doctor)
 app.command("list")(list_.list_plugins)
 app.command("show")(show.show)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pcdbench.errors import PcdbenchError
+
+if TYPE_CHECKING:
+    from pcdbench.completer import Completer
+    from pcdbench.options import Options
 
 
 def train(
@@ -18,6 +23,9 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
     preset: Annotated[str, typer.Option(help="How the optimizer goes about it.")] = "default",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
+    option: Annotated[
+        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer that changes its network.")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Decides the data and the first weights.")] = 0,
     workers: Annotated[int, typer.Option(min=0, help="Processes that prepare examples.")] = 1,
 ) -> None:
@@ -34,7 +42,7 @@ def train(
         raise PcdbenchError(f"--device {device!r} must be auto, cpu or cuda")
     if out.exists() and (out / "checkpoint.safetensors").exists() and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
-    trainee = load_target(target)()
+    trainee = load_target(target).for_options(_options(completer_name, completer, option or ()))
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
     chosen = trainee.presets[preset]
@@ -67,3 +75,13 @@ def train(
     weights = out / "weights.safetensors"
     write_card(weights, name, stream, chosen, progress)
     typer.echo(f"weights: {weights} (use them with --option {weights_option(name)}={weights})")
+
+
+def _options(name: str, completer: type[Completer], texts: Sequence[str]) -> Options:
+    """The options of the completer to train."""
+    from pcdbench.runner.selection import checked_options, parse_options
+
+    given = parse_options(texts)
+    if set(given) - {name}:
+        raise PcdbenchError(f"--option {min(set(given) - {name})}.…: only {name} is trained; leave it out")
+    return checked_options(name, completer.Options, given.get(name, {}))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board, BoardMetric, Standing
 
 # Okabe and Ito (2008), for all kinds of colour vision; dashes tell the second and third round of them apart.
-_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", ":")
 _REFERENCE_DASHES = ("-", "--", "-.", ":")
 _REFERENCE_COLOR = "#8c8c8c"
@@ -44,16 +45,21 @@ def write_figures(board: Board, folder: Path) -> dict[str, Path]:
         By title, the files, in `folder`: `by_level.svg`, `distribution_<task>.svg`, `time.svg`, each with the data
         set and split before it where a board has several.
     """
-    from matplotlib import rc_context
-
     folder.mkdir(parents=True, exist_ok=True)
     written = {}
-    with rc_context({"svg.hashsalt": "pcdbench", "svg.fonttype": "none", "font.size": 8, "axes.titlesize": 8}):
+    with svg_style():
         for name, title, figure in _figures(board):
             path = folder / f"{name}.svg"
             figure.savefig(path, metadata={"Date": None, "Creator": None})
             written[title] = path
     return written
+
+
+def svg_style() -> AbstractContextManager[None]:
+    """Figures that are made while the `with` block lasts look alike, and equal ones give equal files."""
+    from matplotlib import rc_context
+
+    return rc_context({"svg.hashsalt": "pcdbench", "svg.fonttype": "none", "font.size": 8, "axes.titlesize": 8})
 
 
 def _figures(board: Board) -> Iterator[tuple[str, str, Figure]]:
@@ -211,8 +217,8 @@ def _styles(board: Board) -> dict[str, _Style]:
         for number, label in enumerate(references)
     }
     for number, label in enumerate(methods):
-        dashes = _DASHES[number // len(_COLORS) % len(_DASHES)]
-        styles[label] = _Style(_COLORS[number % len(_COLORS)], dashes, 1.4)
+        dashes = _DASHES[number // len(COLORS) % len(_DASHES)]
+        styles[label] = _Style(COLORS[number % len(COLORS)], dashes, 1.4)
     return styles
 
 

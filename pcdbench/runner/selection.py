@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Union, get_args, get_origin
+from typing import Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -24,6 +24,8 @@ BASE_OF_KIND: dict[Kind, str] = {
     "dataset": "Dataset",
     "incompleteness": "Incompleteness",
 }
+
+OptionsModel = TypeVar("OptionsModel", bound=BaseModel)
 
 _SEQUENCES = (list, tuple, set, frozenset, Sequence)
 
@@ -105,7 +107,7 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         kind=kind,
         name=name,
         version=str(cls.version),
-        options=_options(name, cls.Options, options).model_dump(mode="json"),
+        options=checked_options(name, cls.Options, options).model_dump(mode="json"),
         reference=registration.reference,
         code=code_digest(cls),
         path=path,
@@ -132,7 +134,12 @@ def _path(text: str) -> Path:
     return downloaded(text) if is_address(text) else Path(text)
 
 
-def _options(name: str, model: type[BaseModel], given: Mapping[str, str]) -> BaseModel:
+def checked_options(name: str, model: type[OptionsModel], given: Mapping[str, str]) -> OptionsModel:
+    """The options of the plugin `name` as typed.
+
+    Raises:
+        PcdbenchError: for an option it does not have or a value it does not take.
+    """
     try:
         return model.model_validate({key: _typed(model, key, text) for key, text in given.items()})
     except ValidationError as error:

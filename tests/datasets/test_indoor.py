@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from pcdbench.datasets.synthetic import Indoor
 from pcdbench.datasets.synthetic.crops import CENTER_CLEARANCE_M, COMPLETE_POINTS
@@ -164,6 +165,17 @@ def test_the_cache_gives_back_the_same_scene_and_is_remade_when_broken(scenes, c
     np.testing.assert_array_equal(Indoor().scene(name).dense.points, first.dense.points)
     assert path.read_bytes() == whole
     assert not list(cache.rglob("*.part"))
+
+
+def test_a_complete_cloud_of_another_size_is_of_the_same_scene(cache):
+    usual = Indoor().scene("env048_crop0")
+    fewer = Indoor(options=Indoor.Options(complete_points=5000)).scene("env048_crop0")
+    assert len(usual.complete) == 20_000 and len(fewer.complete) == 5000
+    assert np.array_equal(fewer.dense.points, usual.dense.points)
+    assert [str(one) for one in fewer.objects] == [str(one) for one in usual.objects]
+    assert np.array_equal(fewer.dense.points[fewer.complete_index], fewer.complete.points)
+    apart = cKDTree(fewer.complete.points).query(fewer.complete.points, k=2)[0][:, 1]
+    assert np.median(apart) > 1.6 * np.median(cKDTree(usual.complete.points).query(usual.complete.points, k=2)[0][:, 1])
 
 
 def test_splits_share_no_environment_and_have_the_published_sizes():

@@ -5,7 +5,7 @@ from pydantic import Field
 
 from pcdbench.errors import PcdbenchError, PluginError
 from pcdbench.options import Options
-from pcdbench.runner.selection import _options, option_targets, parse_options, select
+from pcdbench.runner.selection import checked_options, option_targets, parse_options, select
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 
@@ -81,13 +81,13 @@ class Various(Options):
     ],
 )
 def test_sequences_and_none_are_typed_as_show_prints_them(key, text, value):
-    assert getattr(_options("various", Various, {key: text}), key) == value
+    assert getattr(checked_options("various", Various, {key: text}), key) == value
 
 
 @pytest.mark.parametrize(("key", "text"), [("pair", "3"), ("pair", "3,x"), ("many", "1,,x"), ("on", "maybe")])
 def test_bad_members_of_sequences_name_the_option_and_all_of_its_text(key, text):
     with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: "):
-        _options("various", Various, {key: text})
+        checked_options("various", Various, {key: text})
 
 
 def test_option_of_a_plugin_that_is_installed_but_not_in_the_run():

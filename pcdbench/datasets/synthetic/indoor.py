@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
+from pcdbench import options
 from pcdbench.dataset import Dataset
-from pcdbench.datasets.synthetic.crops import crop_of
+from pcdbench.datasets.synthetic.crops import COMPLETE_POINTS, crop_of
 from pcdbench.datasets.synthetic.generator import SEEDS, VERSION, environment
 from pcdbench.datasets.synthetic.storage import (
     arrays_of_scene,
@@ -20,6 +23,7 @@ from pcdbench.datasets.synthetic.storage import (
     write_arrays,
 )
 from pcdbench.errors import PcdbenchError
+from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.keys import digest, seed_from
 from pcdbench.paths import cache_dir
 from pcdbench.plugins import did_you_mean
@@ -40,6 +44,12 @@ class Indoor(Dataset):
     numbers small (offices, meeting rooms, classrooms, kitchens, lounges, store rooms). Splits never share one.
     """
 
+    class Options(options.Options):
+        complete_points: int = Field(
+            COMPLETE_POINTS, ge=1000, le=50_000, description="points of a complete cloud, out of the dense one"
+        )
+
+    options: Options
     version = VERSION
     default_split = "smoke"
 
@@ -85,9 +95,8 @@ class Indoor(Dataset):
             names = [*self.scene_names("test"), *self.scene_names("val"), *self.scene_names("smoke")]
             raise PcdbenchError(f"indoor has no scene {name!r}; {did_you_mean(name, names)}")
         index, crop = int(found["index"]), int(found["crop"])
-        if found["stream"] == "train":
-            return _made(name, "train", index, crop)
-        return _cached(name, index, crop)
+        made = _made(name, "train", index, crop) if found["stream"] == "train" else _cached(name, index, crop)
+        return _with_complete_points(made, self.options.complete_points)
 
     def training_scene(self, index: int) -> Scene:
         """Scene `index` (0 and up) of the endless training split; five in a row share an environment.
@@ -119,6 +128,15 @@ def _cached(name: str, index: int, crop: int) -> Scene:
         write_arrays(surface_file, arrays_of_surface(made.surface))
     write_arrays(scene_file, arrays_of_scene(made))
     return made
+
+
+def _with_complete_points(scene: Scene, count: int) -> Scene:
+    """The scene with a complete cloud of so many points."""
+    if count == COMPLETE_POINTS:
+        return scene
+    rng = np.random.default_rng(seed_from("indoor complete", scene.name, count))
+    index = poisson_disk_indices(scene.dense.points, count, rng)
+    return replace(scene, complete=scene.dense.select(index), complete_index=index)
 
 
 def _cache_file(stem: str) -> Path:

@@ -1,0 +1,195 @@
+"""A publication's page: numbers of the rows beside the published ones, and what is left out is told with its reason."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from pcdbench.cli import app
+from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.summary import summarize
+from pcdbench.paper.publication import ShownCurve, read_publication
+from pcdbench.runner.store import read_rows
+
+PUBLICATION = """
+title = "Filling boxes"
+venue = "Nowhere 2020"
+[differs]
+data = "Boxes."
+
+[runs.main]
+incompletenesses = ["slab"]
+levels = [0.3, 0.5]
+completers = ["tiny_fill"]
+tasks = ["tiny_gap"]
+references = true
+
+[runs.many]
+incompletenesses = ["slab"]
+levels = [0.3]
+completers = [{ name = "tiny_fill", options = { points = 50 } }]
+tasks = ["tiny_gap"]
+dataset_options = { points = 600 }
+
+[runs.learned]
+levels = [0.3]
+completers = ["tiny_fill"]
+tasks = ["tiny_gap"]
+trained = "its_own"
+
+[[parts]]
+number = "Table 1"
+title = "Gaps"
+columns = [
+    { heading = "gap, mm", task = "tiny_gap", metric = "gap_m", statistic = "mean", factor = 1000 },
+    { heading = "seconds", metric = "seconds" },
+]
+rows = [
+    { heading = "30", run = "main", completer = "tiny_fill", level = 0.3, published = [12.5, ""] },
+    { heading = "50", run = "main", completer = "tiny_fill", level = 0.5 },
+    { heading = "few", run = "many", completer = "tiny_fill", level = 0.3 },
+    { heading = "learned", run = "learned", completer = "tiny_fill", level = 0.3, published = [1, 2] },
+]
+
+[[parts]]
+number = "Figure 1"
+title = "Distribution"
+figure = { kind = "distribution", run = "main", task = "tiny_gap", levels = [0.3, 0.5] }
+
+[[parts]]
+number = "Figure 2"
+title = "By points"
+[parts.figure]
+kind = "curve"
+label = "points"
+completer = "tiny_fill"
+level = 0.3
+column = { heading = "gap", task = "tiny_gap", metric = "gap_m", statistic = "mean" }
+points = [{ at = 300, run = "main", published = 0.1 }, { at = 600, run = "many" }]
+
+[[parts]]
+number = "Figure 3"
+title = "Bars"
+[parts.figure]
+kind = "bars"
+run = "main"
+levels = [0.3, 0.5]
+completers = ["incomplete", "tiny_fill"]
+column = { heading = "gap", task = "tiny_gap", metric = "gap_m", statistic = "mean" }
+published = [{ completer = "tiny_fill", level = 0.3, value = 0.05 }]
+"""
+
+
+@pytest.fixture
+def paper(tmp_path, tiny_plugins, monkeypatch):
+    """Run the command on the publication above in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    Path("boxes.toml").write_text(PUBLICATION)
+
+    def call(*arguments: str, code: int = 0):
+        tiny = ("--dataset", "tiny", "--jobs", "1", "--out", "paper")
+        ended = CliRunner().invoke(app, ["paper", "boxes.toml", *tiny, *arguments])
+        assert ended.exit_code == code, ended.output
+        return ended
+
+    return call
+
+
+def cells_of(page: str, heading: str) -> list[str]:
+    return re.search(rf"^\| {heading} \| (.*) \|$", page, re.MULTILINE)[1].split(" | ")
+
+
+def test_the_page_has_the_rows_numbers_beside_the_published_ones(paper) -> None:
+    ended = paper("--page", "docs/boxes.md")
+    page = Path("docs/boxes.md").read_text()
+    rows = read_rows(Path("paper/runs/main"))
+    table = summarize(rows)
+    its = table[(table["completer"] == "tiny_fill") & (table["metric"] == "gap_m")].set_index("level")
+    for heading, level in (("30", 0.3), ("50", 0.5)):
+        expected = 1000 * its.loc[level, ["mean", "mean_low", "mean_high"]]
+        gap, published, seconds, _ = cells_of(page, heading)
+        assert gap == "{:.3g} [{:.3g}, {:.3g}]".format(*expected)
+        assert published == ("12.5" if heading == "30" else "") and float(seconds) >= 0
+    many = summarize(read_rows(Path("paper/runs/many")))
+    gap = many[many["metric"] == "gap_m"]["mean"].iloc[0]
+    assert cells_of(page, "few")[0].startswith(f"{1000 * gap:.3g} [")
+    assert "Measured on `tiny` version 1, split `few`: 3 scenes, 3 cases at each level" in page
+    for number in (1, 2, 3):
+        assert f"(boxes/figure_{number}.svg)" in page
+        assert Path(f"docs/boxes/figure_{number}.svg").read_text().startswith("<?xml")
+    assert "published" in Path("docs/boxes/figure_2.svg").read_text()
+    assert cells_of(page, "learned")[0] == "\N{EN DASH}"
+    assert "`learned` was not run: it needs weights of its own: give --weights FOLDER" in page
+    assert "learned is left out" in ended.stderr
+
+
+def test_going_on_does_only_what_is_missing_and_writes_the_same_page(paper) -> None:
+    paper()
+    written = Path("paper/runs/main/rows.jsonl").read_bytes(), Path("paper/paper.md").read_text()
+    paper()
+    assert (Path("paper/runs/main/rows.jsonl").read_bytes(), Path("paper/paper.md").read_text()) == written
+
+
+def test_rows_of_another_run_count_where_the_code_is_the_same(paper) -> None:
+    run = ["run", "--dataset", "tiny", "--completer", "tiny_fill", "--task", "tiny_gap,tiny_color", "--jobs", "1"]
+    run += ["--incompleteness", "slab", "--level", "0.3", "--out", "earlier"]
+    assert CliRunner().invoke(app, run).exit_code == 0
+    told = paper("--take-from", "earlier").stderr
+    taken = {row["key"] for row in read_rows(Path("earlier"))} & {
+        row["key"] for row in read_rows(Path("paper/runs/main"))
+    }
+    assert len(taken) == 3 * 4 and f"{len(taken)} rows are taken from earlier" in told
+    times = {row["key"]: row["time"] for row in read_rows(Path("earlier"))}
+    assert all(row["time"] == times.get(row["key"], row["time"]) for row in read_rows(Path("paper/runs/main")))
+
+    facts = Path("earlier/run.json")
+    facts.write_text(re.sub(r'("name": "tiny_fill".*?"code": ")\w+', r"\1of yesterday", facts.read_text(), flags=re.S))
+    other = CliRunner().invoke(
+        app, ["paper", "boxes.toml", "--dataset", "tiny", "--jobs", "1", "--out", "other", "--take-from", "earlier"]
+    )
+    assert other.exit_code == 0 and "9 rows are taken from earlier" in other.stderr, "references' code is the same"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            'run = "many", completer',
+            'run = "more", completer',
+            r"Table 1 is made of the run 'more', which is not there",
+        ),
+        ('published = [12.5, ""]', "published = [12.5]", r"Table 1, 30: 1 published numbers for 2 columns"),
+        ('metric = "seconds"', 'metric = "hours"', r"Table 1: seconds has no task"),
+        ("references = true", 'split = "few"', r"the run main says split, which the command line does"),
+        ('kind = "bars"', 'kind = "pie"', r"figure"),
+        ('title = "Gaps"', 'titel = "Gaps"', r"parts\.0\.title: field required"),
+        ("[differs]", "[differs", r"is not TOML"),
+    ],
+)
+def test_mistakes_in_the_file_are_told(paper, old: str, new: str, message: str) -> None:
+    assert old in PUBLICATION
+    Path("boxes.toml").write_text(PUBLICATION.replace(old, new))
+    ended = paper(code=2)
+    assert re.search(message, ended.stderr), ended.stderr
+    assert len(ended.stderr.strip().splitlines()) == 1
+
+
+def test_a_completer_without_a_publication_says_so() -> None:
+    with pytest.raises(PcdbenchError, match=r"plane_fitting has no publication\.toml"):
+        read_publication("plane_fitting")
+
+
+def test_deeppcd_has_the_published_tables_and_figures() -> None:
+    publication = read_publication("deeppcd")
+    parts = {part.number: part for part in publication.parts}
+    assert set(parts) == {f"Table {n}" for n in range(8, 14)} | {f"Figure {n}" for n in (5, 7, 9, 13, 14, 15)}
+    by_level = {row.level: row.published for row in parts["Table 8"].rows if row.completer == "deeppcd"}
+    assert by_level == {0.5: [10.1, 25.7, 0.81, 0.89], 0.3: [3.9, 10.8, 0.89, 0.95], 0.1: [2.6, 7.1, 0.93, 0.97]}
+    grid = parts["Figure 9"].figure
+    assert isinstance(grid, ShownCurve) and [point.at for point in grid.points] == [3, 4, 5, 6, 7]
+    for point in grid.points:
+        options = publication.runs[point.run].completers[0].options
+        assert options.get("grid", 5) == point.at
