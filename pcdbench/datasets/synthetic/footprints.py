@@ -93,4 +93,4 @@ class Footprints:
         reach = footprint.radius + radius + gap
         close = (dx * dx + dy * dy <= reach * reach) & (footprint.z0 < z1) & (z0 < footprint.z1)
         close &= (np.abs(dx) < LARGEST_REACH_M) & (np.abs(dy) < LARGEST_REACH_M)
-        return (self._all[k] for k in np.flatnonzero(close))
+        return (self._all[k] for k in close.nonzero()[0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -23,45 +25,71 @@ def uniform(*cells: ArrayLike) -> Floats:
 
 def _absorbed(state: Words, *cells: ArrayLike) -> Words:
     for cell in cells:
-        word = np.atleast_1d(np.asarray(cell)).astype(np.int64, copy=False).view(np.uint64)
-        state = (state ^ (word * _STEP)) * _FIRST
-        state = state ^ (state >> np.uint64(29))
+        state = _stirred(state, np.atleast_1d(np.asarray(cell)).astype(np.int64, copy=False).view(np.uint64) * _STEP)
     return state
+
+
+def _stirred(state: Words, word: Words) -> Words:
+    stirred = state ^ word
+    stirred *= _FIRST
+    stirred ^= stirred >> np.uint64(29)
+    return stirred
 
 
 def _mixed(state: Words) -> Words:
     """The finalizer of SplitMix64 (Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014)."""
-    state = (state ^ (state >> np.uint64(30))) * _FIRST
-    state = (state ^ (state >> np.uint64(27))) * _SECOND
-    return state ^ (state >> np.uint64(31))
+    mixed = state ^ (state >> np.uint64(30))
+    mixed *= _FIRST
+    mixed ^= mixed >> np.uint64(27)
+    mixed *= _SECOND
+    mixed ^= mixed >> np.uint64(31)
+    return mixed
 
 
 def _fraction(state: Words) -> Floats:
-    return (state >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    fraction = (state >> np.uint64(11)).astype(np.float64)
+    fraction *= 2.0**-53
+    return fraction
 
 
 def value_noise(coordinates: Floats, *seeds: ArrayLike) -> Floats:
     """(N,) smooth noise in [0, 1) at (N, D) coordinates, one independent value a unit cell corner."""
-    return _interpolated(_absorbed(np.full(1, _STEP), *seeds), coordinates)
-
-
-def _interpolated(state: Words, coordinates: Floats) -> Floats:
-    """Noise between the corners along the first axis of what lies between them along the others."""
-    if coordinates.shape[1] == 0:
-        return _fraction(state)
-    base = np.floor(coordinates[:, 0])
-    weight = coordinates[:, 0] - base
-    weight = weight * weight * (3.0 - 2.0 * weight)
-    cell = base.astype(np.int64)
-    below = _interpolated(_absorbed(state, cell), coordinates[:, 1:])
-    above = _interpolated(_absorbed(state, cell + 1), coordinates[:, 1:])
-    return below + weight * (above - below)
+    return _noise(coordinates, _absorbed(np.full(1, _STEP), *seeds))
 
 
 def fractal_noise(coordinates: Floats, *seeds: ArrayLike, octaves: int = 3) -> Floats:
     """(N,) noise in [0, 1) with detail at half, a quarter, ... of the unit, each half as strong."""
     total, weight = np.zeros(len(coordinates)), 0.0
+    seeded = _absorbed(np.full(1, _STEP), *seeds)
     for octave in range(octaves):
-        total += value_noise(coordinates * 2.0**octave, *seeds, octave) * 0.5**octave
+        total += _noise(coordinates * 2.0**octave, _absorbed(seeded, octave)) * 0.5**octave
         weight += 0.5**octave
     return total / weight
+
+
+def _noise(coordinates: Floats, state: Words) -> Floats:
+    """(N,) smooth noise at (N, D) coordinates, of one state or one a point."""
+    axes = []
+    for coordinate in coordinates.T:
+        base = np.floor(coordinate)
+        share = coordinate - base
+        word = base.astype(np.int64).view(np.uint64) * _STEP
+        axes.append((share * share * (3.0 - 2.0 * share), word, word + _STEP))
+    return _interpolated(state, axes)
+
+
+def _interpolated(state: Words, axes: Sequence[tuple[Floats, Words, Words]]) -> Floats:
+    """Noise between the corners along the first axis of what lies between them along the others.
+
+    Args:
+        axes: how far along each axis a point is between its cell's two ends, 0 to 1, and the words of these ends.
+    """
+    if not axes:
+        return _fraction(state)
+    (share, low, high), others = axes[0], axes[1:]
+    below = _interpolated(_stirred(state, low), others)
+    above = _interpolated(_stirred(state, high), others)
+    above -= below
+    above *= share
+    above += below
+    return above

@@ -216,7 +216,7 @@ def _normalized(rows: Floats) -> Floats:
 
 
 def _along(path: Floats, closed: bool) -> Floats:
-    """(K, 3) how a path goes at each of its points: of a ring, or as `numpy.gradient` gives it, in a sixth of its time."""
+    """(K, 3) how a path, a ring if `closed`, goes at each point: `numpy.gradient` takes six times as long."""
     if closed:
         return np.roll(path, -1, axis=0) - np.roll(path, 1, axis=0)
     along = np.empty_like(path)
