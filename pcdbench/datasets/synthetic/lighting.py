@@ -80,24 +80,36 @@ def _ambient_and_direct(lights: Sequence[Light], points: Floats, normals: Floats
     """(N,) ambient light and that of the nearest lights."""
     where = np.array([light.position for light in lights])
     facing = np.array([light.facing for light in lights], np.float32)
-    strength = np.array([light.strength for light in lights], np.float32)
+    strength = np.float32(0.55) * np.array([light.strength for light in lights], np.float32)
     count = min(NEAREST_LIGHTS + 1, len(where))
-    apart, nearest = cKDTree(where).query(points, k=list(range(1, count + 1)), workers=thread_count())
-    # Each light fades out towards the first one that is left out, so that no border shows.
-    fading = np.clip(2.0 * (1.0 - apart / apart[:, -1:]), 0.0, 1.0).astype(np.float32)
-    if count == len(where):
-        fading[:] = 1.0
+    apart, nearest = (
+        np.ascontiguousarray(found.T)
+        for found in cKDTree(where).query(points, k=list(range(1, count + 1)), workers=thread_count())
+    )
     total = np.full(len(points), AMBIENT, np.float32)
-    (lx, ly, lz), (fx, fy, fz) = where.astype(np.float32).T, facing.T
+    (lx, ly, lz), (fx, fy, fz) = where.astype(np.float32).T.copy(), facing.T.copy()
     (px, py, pz), (nx, ny, nz) = points.T.astype(np.float32, order="C"), normals.T.astype(np.float32, order="C")
-    for k in range(count):
-        light = nearest[:, k]
-        x, y, z = lx[light] - px, ly[light] - py, lz[light] - pz
-        squared = x * x + y * y + z * z + np.float32(0.05)
+    fades = count < len(where)
+    # Each light fades out towards the first one that is left out, so that no border shows.
+    for k in range(count - fades):
+        light = nearest[k]
+        x, y, z = lx[light], ly[light], lz[light]
+        x -= px
+        y -= py
+        z -= pz
+        squared = x * x + y * y + z * z
+        squared += np.float32(0.05)
         inverse = 1.0 / np.sqrt(squared)
         received = np.maximum((x * nx + y * ny + z * nz) * inverse, 0.0)
         emitted = np.clip(0.25 - 0.75 * (x * fx[light] + y * fy[light] + z * fz[light]) * inverse, 0.05, 1.0)
-        total += 0.55 * strength[light] * received * emitted * fading[:, k] / (squared + 1.0)
+        arriving = strength[light]
+        arriving *= received
+        arriving *= emitted
+        if fades:
+            arriving *= np.clip(2.0 * (1.0 - apart[k] / apart[-1]), 0.0, 1.0).astype(np.float32)
+        squared += np.float32(1.0)
+        arriving /= squared
+        total += arriving
     return total
 
 
