@@ -33,6 +33,24 @@ def downloaded(address: str) -> Path:
     Raises:
         PcdbenchError: where the address has no digest, cannot be read, or holds another file.
     """
+    url, digest, kept = _parsed(address)
+    fetch = _fetch_by_http if _HTTP.match(url) else _fetch_by_fsspec
+    fetch(url, digest, kept)
+    return kept
+
+
+def kept_download(address: str) -> Path | None:
+    """The file at an address if it has been fetched already; None where it has not.
+
+    Raises:
+        PcdbenchError: where the address has no digest.
+    """
+    _, digest, kept = _parsed(address)
+    return kept if kept.is_file() and file_digest(kept) == digest else None
+
+
+def _parsed(address: str) -> tuple[str, str, Path]:
+    """The URL, the digest, and where its file is kept."""
     url, _, fragment = address.rpartition("#")
     found = _DIGEST.fullmatch(fragment)
     if found is None:
@@ -40,10 +58,7 @@ def downloaded(address: str) -> Path:
     digest = found[1].lower()
     # In zip://room.ply::s3://bucket/rooms.zip the file is the first.
     suffix = Path(re.split(r"::|\?", url)[0]).suffix[:20]
-    kept = cache_dir() / "downloads" / re.sub(r"[^A-Za-z0-9.]", "_", digest + suffix)
-    fetch = _fetch_by_http if _HTTP.match(url) else _fetch_by_fsspec
-    fetch(url, digest, kept)
-    return kept
+    return url, digest, cache_dir() / "downloads" / re.sub(r"[^A-Za-z0-9.]", "_", digest + suffix)
 
 
 def _fetch_by_http(url: str, digest: str, kept: Path) -> None:

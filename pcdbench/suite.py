@@ -83,10 +83,11 @@ def read_suite(path: Path) -> Suite:
         return Suite.model_validate(tomllib.loads(text))
     except (OSError, UnicodeDecodeError) as error:
         raise PcdbenchError(f"{path} cannot be read ({error}); give the file of a suite") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PcdbenchError(f"{path} is not TOML: {error}") from None
     except ValidationError as error:
         raise PcdbenchError(_told(path, text, error)) from None
+    # A number of 5,000 digits is a ValueError of another kind than what else is wrong.
+    except (ValueError, RecursionError) as error:
+        raise PcdbenchError(f"{path} is not TOML: {error}") from None
 
 
 def requests(suite: Suite, folder: Path, *, dataset: str | None = None) -> list[Request]:

@@ -4,26 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from pcdbench.errors import PcdbenchError
-from pcdbench.leaderboard.board import (
-    Board,
-    BoardCase,
-    BoardCell,
-    BoardCompleter,
-    BoardData,
-    BoardIncompleteness,
-    BoardMetric,
-    BoardResult,
-    BoardRun,
-    BoardTask,
-    Comparison,
-    Standing,
-)
+from pcdbench.leaderboard.board import Board, BoardResult, Comparison, Standing
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.runner.store import write_text
 
@@ -65,13 +54,15 @@ def read_board(path: Path) -> Board:
     """
     path = path / LEADERBOARD if path.is_dir() else path
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number, parse_float=_finite)
         version = content["schema_version"]
+        if not isinstance(version, int) or version < min(MIGRATIONS, default=SCHEMA_VERSION):
+            raise ValueError(f"there never was a schema_version {version!r}")
     except FileNotFoundError:
         raise PcdbenchError(
             f"{path} is not there; make it with: pcdbench leaderboard build RUN... -o {path.parent}"
         ) from None
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise PcdbenchError(f"{path} cannot be read ({error}); build the board again") from None
     if version > SCHEMA_VERSION:
         raise PcdbenchError(f"{path} was written by a newer pcdbench; update this one (pip install -U pcdbench)")
@@ -79,48 +70,74 @@ def read_board(path: Path) -> Board:
         while version < SCHEMA_VERSION:
             content = MIGRATIONS[version](content)
             version += 1
-        return _board(content)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        board: Board = TypeAdapter(Board).validate_python(_with_estimates(content))
+        _require_whole(board)
+        return board
+    except ValidationError as error:
+        first = error.errors()[0]
+        told = ".".join(str(part) for part in first["loc"]) + f": {first['msg']}"
+        raise PcdbenchError(f"{path} is damaged ({told}); build the board again") from None
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         told = f"{type(error).__name__}: {error}"
         raise PcdbenchError(f"{path} is damaged ({told}); build the board again") from None
 
 
-def _board(content: Mapping[str, Any]) -> Board:
-    return Board(
-        name=content["name"],
-        data=_each(BoardData, content["data"]),
-        incompletenesses=_each(BoardIncompleteness, content["incompletenesses"]),
-        tasks=tuple(BoardTask(**task | {"metrics": _each(BoardMetric, task["metrics"])}) for task in content["tasks"]),
-        completers=_each(BoardCompleter, content["completers"]),
-        runs=_each(BoardRun, content["runs"]),
-        cases=_each(BoardCase, content["cases"]),
-        cells=tuple(
-            BoardCell(**cell | {"results": {name: _result(its) for name, its in cell["results"].items()}})
-            for cell in content["cells"]
-        ),
-        standings=tuple(_standing(its) for its in content["standings"]),
-        comparisons=tuple(
-            Comparison(**its | {"difference": _estimate(its["difference"])}) for its in content["comparisons"]
-        ),
-    )
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is not JSON")
 
 
-def _each(kind: Any, entries: Iterable[Mapping[str, Any]]) -> tuple[Any, ...]:
-    return tuple(kind(**entry) for entry in entries)
+def _finite(text: str) -> float:
+    value = float(text)
+    return value if math.isfinite(value) else _no_number(text)
 
 
-def _result(entry: Mapping[str, Any]) -> BoardResult:
-    return BoardResult(**{**entry, "samples": tuple(entry.get("samples", ()))})
+def _with_estimates(content: Mapping[str, Any]) -> dict[str, Any]:
+    """The content with estimates, and what is not a number, as the board has them."""
+    return {
+        **content,
+        "standings": [_standing(its) for its in content["standings"]],
+        "comparisons": [its | {"difference": _estimate(its["difference"])} for its in content["comparisons"]],
+    }
 
 
-def _standing(entry: Mapping[str, Any]) -> Standing:
+def _standing(entry: Mapping[str, Any]) -> dict[str, Any]:
     estimates = {name: _estimate(entry[name]) for name in ("median", "p90", "mean")}
     numbers = {name: math.nan if entry[name] is None else entry[name] for name in ("missing", "seconds", "memory_mb")}
-    return Standing(**{**entry, **estimates, **numbers})
+    return {**entry, **estimates, **numbers}
 
 
-def _estimate(entry: list[float | None] | None) -> Estimate | None:
-    return None if entry is None else Estimate(*(math.nan if value is None else value for value in entry))
+def _estimate(entry: list[float | None] | None) -> dict[str, float] | None:
+    if entry is None:
+        return None
+    value, low, high = (math.nan if its is None else its for its in entry)
+    return {"value": value, "low": low, "high": high}
+
+
+def _require_whole(board: Board) -> None:
+    """Raise ValueError where the board speaks of what it does not have."""
+    metrics = {task.name: {metric.name for metric in task.metrics} for task in board.tasks}
+    ways = {its.name for its in board.incompletenesses}
+
+    def require(there: bool, what: str) -> None:
+        if not there:
+            raise ValueError(f"it has no {what!r}")
+
+    for case in board.cases:
+        require(0 <= case.data < len(board.data) and case.scene in board.data[case.data].scenes, f"scene {case.scene}")
+        require(case.incompleteness in ways, f"incompleteness {case.incompleteness}")
+    for cell in board.cells:
+        require(0 <= cell.case < len(board.cases), f"case {cell.case}")
+        require(0 <= cell.run < len(board.runs), f"run {cell.run}")
+        require(cell.completer in board.completer_of, f"completer {cell.completer}")
+        for task, result in cell.results.items():
+            require(task in metrics and result.values.keys() <= metrics[task], f"task {task} of these metrics")
+    tables: list[Standing | Comparison] = [*board.standings, *board.comparisons]
+    for table in tables:
+        require(0 <= table.data < len(board.data) and table.incompleteness in ways, f"table {table.incompleteness}")
+        require(table.task in metrics, f"task {table.task}")
+    for standing in board.standings:
+        require(standing.completer in board.completer_of, f"completer {standing.completer}")
+        require(standing.metric in metrics[standing.task], f"metric {standing.metric}")
 
 
 def _plain(value: Any) -> Any:

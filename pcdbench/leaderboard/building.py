@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pcdbench.keys import canonical_json
+from pcdbench.keys import canonical_json, digest
 from pcdbench.leaderboard.board import (
     Board,
     BoardCase,
@@ -154,9 +154,12 @@ def _completers(
     alike: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
     for its in found.values():
         alike[its["name"]].append(its)
+    labels = {identity: _label(its, alike[its["name"]]) for identity, its in found.items()}
+    often = Counter(labels.values())
     completers = [
         BoardCompleter(
-            label=_label(its, alike[its["name"]]),
+            # Options may differ in what their text does not tell: 1 and "1".
+            label=labels[identity] + (f" #{digest(identity)[:6]}" if often[labels[identity]] > 1 else ""),
             name=its["name"],
             version=its["version"],
             options=its["options"],

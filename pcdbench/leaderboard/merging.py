@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pcdbench.downloads import is_address, kept_download
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json
+from pcdbench.leaderboard.run_shape import require_sound_facts, require_sound_keys, require_sound_plugin
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.runner.row_shape import require_sound_rows
 from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
@@ -59,11 +61,20 @@ def read_runs(folders: Iterable[Path]) -> list[RunRows]:
 def data_paths(folders: Iterable[Path]) -> dict[str, str | None]:
     """Where the data sets of these runs lay, by name; None for those that were not told.
 
+    What lay at an address is where it was kept; nothing is fetched because a run says so.
+
     Raises:
         PcdbenchError: where there is no run, or one is damaged.
     """
-    every = [read_run(path) for path in _run_folders(folders)]
-    return {facts["configuration"]["dataset"]["name"]: facts.get("dataset_path") for facts in every}
+    paths: dict[str, str | None] = {}
+    for folder in _run_folders(folders):
+        facts = read_run(folder)
+        require_sound_facts(facts, folder / RUN)
+        dataset, place = facts["configuration"].get("dataset"), facts.get("dataset_path")
+        if dataset is not None:
+            kept = kept_download(place) if place is not None and is_address(place) else place
+            paths[dataset["name"]] = None if kept is None else str(kept)
+    return paths
 
 
 def _run_folders(folders: Iterable[Path]) -> list[Path]:
@@ -104,23 +115,27 @@ def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
 
 def _read(folder: Path) -> RunRows:
     facts = read_run(folder)
-    if "configuration" not in facts:
-        raise PcdbenchError(f"{folder / RUN} has no configuration; run its command again into another folder")
+    require_sound_facts(facts, folder / RUN)
     shared: dict[str, Any] = {}
     rows = []
     for row in read_rows(folder):
         require_sound_rows([row], folder / ROWS)
-        rows.append(_slim(row, shared))
+        require_sound_keys(row, folder / ROWS)
+        rows.append(_slim(row, shared, folder / ROWS))
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
     return RunRows(folder, facts, rows)
 
 
-def _slim(row: Mapping[str, Any], shared: dict[str, Any]) -> dict[str, Any]:
+def _slim(row: Mapping[str, Any], shared: dict[str, Any], path: Path) -> dict[str, Any]:
     """A row without what boards do not use; what many rows say alike is kept once, in `shared`."""
     slim = {name: row.get(name) for name in _KEPT}
     for name in _DESCRIBED:
-        slim[name] = shared.setdefault(repr(row[name]), row[name])
+        key = f"{name} {row.get(name)!r}"
+        if key not in shared:
+            require_sound_plugin(name, row.get(name), path)
+            shared[key] = row[name]
+        slim[name] = shared[key]
     slim["metrics"] = {
         name: {which: value for which, value in metric.items() if which != "labels"}
         for name, metric in row["metrics"].items()
@@ -151,7 +166,7 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
 
 def _told(plugin: Mapping[str, Any]) -> str:
     options = ", ".join(f"{name}={value}" for name, value in sorted(plugin["options"].items()))
-    return f"version {plugin['version']}" + (f" ({options})" if options else "")
+    return f"version {plugin['version']}" + (f" ({' '.join(options.split())})" if options else "")
 
 
 def _place(row: Mapping[str, Any]) -> str:

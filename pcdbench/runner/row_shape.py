@@ -10,6 +10,7 @@ from pcdbench.errors import PcdbenchError
 
 _LARGEST = 1e300
 _TEXTS = ("key", "cell", "scene", "status")
+_STATUSES = ("ok", "failed", "timeout", "skipped")
 _DIRECTIONS, _SUMMARIES = ("lower", "higher"), ("median", "mean")
 _NAMED = ("incompleteness", "completer", "task")
 
@@ -31,6 +32,8 @@ def _problem(row: Mapping[str, Any]) -> str:
     for name in _TEXTS:
         if not isinstance(row.get(name), str):
             return name
+    if row["status"] not in _STATUSES:
+        return "status"
     for name in _NAMED:
         its = row.get(name)
         if not isinstance(its, dict) or not isinstance(its.get("name"), str):

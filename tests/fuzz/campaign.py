@@ -11,7 +11,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from fuzz_mutations import mutated, mutated_e57
+from fuzz_mutations import damaged
 from fuzz_parent import Reader
 from fuzz_seeds import SEEDS
 
@@ -41,8 +41,7 @@ def main() -> None:
         end = time.monotonic() + 60 * arguments.minutes
         while time.monotonic() < end:
             target, path, data = seeds[int(rng.integers(len(seeds)))]
-            mutate = mutated_e57 if path.suffix == ".e57" and rng.random() < 0.9 else mutated
-            changed = mutate(data, rng, others)
+            changed = damaged(path, data, rng, others)
             path.write_bytes(changed)
             result = reader.outcome(target, path)
             path.write_bytes(data)

@@ -60,6 +60,61 @@ def _run(path: Path) -> None:
         print_summary(rows_of_run(path.parent), path.parent, format)
 
 
+def _suite(path: Path) -> None:
+    """What a suite asks for; what of it cannot be is told by one line that need not name the suite."""
+    from pcdbench.runner.plan import plan
+    from pcdbench.suite import read_suite, requests
+
+    suite = read_suite(path)
+    try:
+        asked = requests(suite, path.parent)
+        # Where data lie is not the file's alone: a path that was changed to / would be walked.
+        asked = requests(suite, path.parent, dataset=f"clouds:{path.with_name('scan.xyz')}")
+        for request in asked[:3]:
+            assert plan(request).tasks
+    except PcdbenchError as error:
+        assert "\n" not in str(error)
+
+
+def _board(path: Path) -> None:
+    """The check of a board by another one."""
+    from pcdbench.leaderboard.board_file import board_json, read_board
+    from pcdbench.leaderboard.gate import check
+    from pcdbench.leaderboard.gate_report import verdict_junit, verdict_markdown, verdict_text
+
+    board = read_board(path)
+    sound = read_board(path.with_name("sound.json"))
+    for committed, fresh in ((board, board), (board, sound), (sound, board)):
+        try:
+            verdict = check(committed, fresh)
+        except PcdbenchError as error:
+            assert "\n" not in str(error)
+        else:
+            assert verdict_text(verdict) and verdict_markdown(verdict) and verdict_junit(verdict)
+    assert board_json(board)
+
+
+def _build(path: Path) -> None:
+    """The board that is made of a run, one of whose two files is the one given, and its pages."""
+    from pcdbench.leaderboard.board_file import board_json
+    from pcdbench.leaderboard.board_readme import board_readme
+    from pcdbench.leaderboard.building import board_of_runs
+    from pcdbench.leaderboard.merging import data_paths
+    from pcdbench.leaderboard.page import board_page
+
+    try:
+        board = board_of_runs("fuzzed", [path.parent])
+    except PcdbenchError as error:
+        if path.name in str(error):
+            raise
+        # What contradicts itself is told of the folder.
+        assert "\n" not in str(error) and str(path.parent) in str(error)
+        return
+    data_paths([path.parent])
+    assert board_json(board) and board_readme(board, {}, ["build"], path.parent)
+    assert board_page(board, (), case_command="case")
+
+
 def _sequence(path: Path) -> None:
     from pcdbench.datasets.rgbd.layouts import layout_of, read_sequence
 
@@ -100,6 +155,9 @@ TARGETS: dict[str, Callable[[Path], None]] = {
     "cloud": _cloud,
     "boxes": _boxes,
     "run": _run,
+    "suite": _suite,
+    "board": _board,
+    "build": _build,
     "sequence": _sequence,
     "s3dis": _s3dis,
     "weights": _weights,
@@ -110,6 +168,14 @@ _LIBRARIES = {
     "cloud": ("laspy", "lazrs", "pye57"),
     "boxes": ("pcdbench.datasets.boxes",),
     "run": ("pcdbench.cli.results", "pcdbench.leaderboard.results", "pcdbench.leaderboard.render", "rich.table"),
+    "suite": (
+        "pcdbench.suite",
+        "pcdbench_tasks.chamfer",
+        "pcdbench_completers.plane_fitting",
+        "pcdbench.datasets.clouds",
+    ),
+    "board": ("pcdbench.leaderboard.board_file", "pcdbench.leaderboard.gate", "pcdbench.leaderboard.gate_report"),
+    "build": ("pcdbench.leaderboard.building", "pcdbench.leaderboard.page", "pcdbench.leaderboard.board_readme"),
     "sequence": ("pcdbench.datasets.rgbd.layouts",),
     "s3dis": ("pcdbench.datasets.s3dis.text",),
     "weights": ("pcdbench.weights", "safetensors.torch"),

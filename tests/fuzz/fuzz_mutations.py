@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import copy
+import json
 import re
 import struct
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -48,6 +53,12 @@ _PIECES = (
 )
 
 
+_JSON_VALUES = (
+    None, True, 0, 1, -1, 2, 0.3, 1e308, -1e-320, 10**12, 10**400, float("nan"), float("inf"), "", "a", "../../x", "\n",
+    "<b>", "\ud800", "ok", "all", "x" * 3000, [], [[]], [None], ["a", 1], {}, {"a": {}}, {"name": "a"}, {"": None},
+)  # fmt: skip
+
+
 def mutated(data: bytes, rng: np.random.Generator, others: Sequence[bytes] = ()) -> bytes:
     """One mutation of a file, now and then several, some with pieces of `others`."""
     for _ in range(int(rng.geometric(0.6))):
@@ -55,6 +66,17 @@ def mutated(data: bytes, rng: np.random.Generator, others: Sequence[bytes] = ())
             return data
         data = _MUTATIONS[int(rng.integers(len(_MUTATIONS)))](data, rng, others)
     return data
+
+
+def damaged(path: Path, data: bytes, rng: np.random.Generator, others: Sequence[bytes] = ()) -> bytes:
+    """A mutation of a file that knows its format, or one that knows nothing: most of those end at the first look."""
+    if path.suffix == ".e57" and rng.random() < 0.9:
+        return mutated_e57(data, rng, others)
+    if path.suffix in (".json", ".jsonl") and rng.random() < 0.7:
+        return mutated_json(data, rng)
+    if path.suffix == ".toml" and rng.random() < 0.7:
+        return mutated_toml(data, rng)
+    return mutated(data, rng, others)
 
 
 def _place(data: bytes, rng: np.random.Generator) -> int:
@@ -117,6 +139,60 @@ _MUTATIONS: tuple[Callable[[bytes, np.random.Generator, Sequence[bytes]], bytes]
     _cut, _bit, _bit, _noise, _removed, _repeated, _inserted, _text_number, _text_number, _binary_number,
     _binary_number, _binary_number, _spliced,
 )  # fmt: skip
+
+
+def mutated_json(data: bytes, rng: np.random.Generator) -> bytes:
+    """A JSON file, or one of a line each, that is still JSON: of its values one is another, twice there, or gone."""
+    lines = [data] if data.startswith(b"{\n") else data.splitlines()
+    at = int(rng.integers(len(lines)))
+    lines[at] = json.dumps(_changed(json.loads(lines[at]), rng)).encode()
+    return b"\n".join(lines) + b"\n"
+
+
+def mutated_toml(data: bytes, rng: np.random.Generator) -> bytes:
+    """A TOML file that is still TOML, changed likewise."""
+    changed = _changed(tomllib.loads(data.decode()), rng)
+    return "".join(f"{json.dumps(str(key))} = {_toml(value)}\n" for key, value in changed.items()).encode()
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(str(key))} = {_toml(its)}" for key, its in value.items()) + "}"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)
+    return "{}" if value is None else json.dumps(value)
+
+
+def _changed(value: Any, rng: np.random.Generator) -> Any:
+    """A JSON value in which one or some are others, twice there, or gone."""
+    for _ in range(int(rng.geometric(0.6))):
+        places = list(_places(value))
+        holder, key = places[int(rng.integers(len(places)))]
+        others = [one[its] for one, its in places]
+        kind = int(rng.integers(6))
+        if kind == 0:
+            del holder[key]
+        elif kind == 1 and isinstance(holder, list):
+            holder.insert(key, holder[key])
+        elif kind == 1:
+            holder[str(others[int(rng.integers(len(others)))])[:20]] = holder[key]
+        elif kind == 2:
+            holder[key] = copy.deepcopy(others[int(rng.integers(len(others)))])
+        else:
+            holder[key] = copy.deepcopy(_JSON_VALUES[int(rng.integers(len(_JSON_VALUES)))])
+        if not value:
+            break
+    return value
+
+
+def _places(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Every (list or object, index or key) in a JSON value, at any depth."""
+    if isinstance(value, dict | list):
+        for key in value if isinstance(value, dict) else range(len(value)):
+            yield value, key
+            yield from _places(value[key])
 
 
 def with_e57_checksums(logical: bytes) -> bytes:

@@ -153,6 +153,95 @@ def valid_run(folder: Path) -> list[Path]:
     return sorted(folder.iterdir())
 
 
+def valid_suite(folder: Path) -> list[Path]:
+    """A suite that says everything that a suite can say, beside a scan."""
+    points = np.random.default_rng(5).uniform(0, 5, (_COUNT, 3)).round(2)
+    (folder / "scan.xyz").write_text("".join(f"{x} {y} {z}\n" for x, y, z in points))
+    (folder / "suite.toml").write_text(
+        """# all of it
+dataset = { name = "clouds", path = "scan.xyz", options = { draws = 2 } }
+split = "all"
+incompletenesses = ["holes", { name = "short_scan" }]
+levels = [0.1, 0.5]
+seeds = [0, 7]
+references = true
+completers = ["plane_fitting", { name = "plane_fitting", options = { distance_m = 0.03 } }]
+tasks = ["chamfer"]
+
+[check]
+scenes = ["scan"]
+levels = [0.5]
+completers = ["plane_fitting"]
+"""
+    )
+    return [folder / "suite.toml"]
+
+
+def valid_build(folder: Path) -> list[Path]:
+    """A run that a board can be made of: two completers, one of them trained, on four scenes."""
+    dataset = {"name": "rooms", "version": "1", "options": {"draws": 1}}
+    trained = {"name": "mine", "version": "2", "options": {"grid": 5}, "weights": "0" * 64}
+    completers = [{"name": "incomplete", "version": "1", "options": {}, "weights": None}, trained]
+    meaning = {"unit": "m", "direction": "lower", "summary": "mean", "main": True}
+    rows = []
+    for number in range(8):
+        completer = completers[number % 2]
+        status = "failed" if number == 7 else "ok"
+        row = {
+            "schema_version": 1,
+            "key": f"{number:064}",
+            "cell": f"{number:064}",
+            "dataset": dataset | {"digest": f"{number // 2:064}"},
+            "scene": f"room_{number // 2}",
+            "draw": 0,
+            "incompleteness": {"name": "holes", "version": "1", "options": {}},
+            "level": 0.3,
+            "completer": completer | {"reference": completer["name"] == "incomplete"},
+            "task": {"name": "chamfer", "version": "1", "options": {}},
+            "status": status,
+            "error": None if status == "ok" else "it broke",
+            "missing": 0.3,
+            "metrics": {"chd": meaning | {"samples": [0.25 / (number + 1), 1e-4]}} if status == "ok" else {},
+            "trace": {},
+            "completing": {"seconds": 1.5, "peak_memory_mb": 20.0} if status == "ok" else None,
+            "host": "here",
+            "time": "2026-01-01T00:00:00Z",
+        }
+        rows.append(json.dumps(row) + "\n")
+    seen = [{"dataset": "rooms", "split": "train"}, {"dataset": "rooms", "scenes": ["room_1"]}]
+    configuration = {
+        "split": "test",
+        "seed": 0,
+        "dataset": dataset,
+        "completers": [completers[0], trained | {"card": {"trained_on": seen}}],
+    }
+    facts = {
+        "schema_version": 1,
+        "configuration": configuration,
+        "time": "2026-01-01T00:00:00Z",
+        "calibration_seconds": 1.5,
+        "machine": {"cpu": "a processor", "cores": 2},
+        "git": {"commit": "0" * 40},
+        "dataset_path": "/scans",
+    }
+    (folder / "rows.jsonl").write_text("".join(rows))
+    (folder / "run.json").write_text(json.dumps(facts, indent=2))
+    return sorted(folder.iterdir())
+
+
+def valid_board(folder: Path) -> list[Path]:
+    """A board, beside a copy that no mutation reaches."""
+    from pcdbench.leaderboard.board_file import write_board
+    from pcdbench.leaderboard.building import board_of_runs
+
+    run = folder / "run"
+    run.mkdir()
+    valid_build(run)
+    for name in ("leaderboard.json", "sound.json"):
+        write_board(board_of_runs("fuzzed", [run]), folder / name)
+    return [folder / "leaderboard.json"]
+
+
 def valid_sequences(folder: Path) -> list[Path]:
     """The text files of posed RGB-D in three layouts; the images themselves are empty, as nobody opens them here."""
     tum, rtabmap, scannet = (folder / name for name in ("tum", "rtabmap", "scannet"))
@@ -229,6 +318,9 @@ SEEDS: dict[str, Callable[[Path], list[Path]]] = {
     "cloud": valid_clouds,
     "boxes": valid_boxes,
     "run": valid_run,
+    "suite": valid_suite,
+    "board": valid_board,
+    "build": valid_build,
     "sequence": valid_sequences,
     "s3dis": valid_s3dis,
     "weights": valid_weights,

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from fuzz_mutations import e57_with_xml, mutated, mutated_e57
+from fuzz_mutations import damaged, e57_with_xml, mutated
 from fuzz_parent import Reader
 from fuzz_seeds import SEEDS
 from hypothesis import HealthCheck, Phase, given, settings
@@ -67,19 +67,28 @@ def test_valid_files_are_read(reader: Reader, valid: Callable[[str], list[Path]]
 
 
 def test_mutated_files(reader: Reader, valid: Callable[[str], list[Path]]) -> None:
-    ended = [how for target in QUICK for how in endings_of_mutated(reader, target, valid(target))]
+    ended = [how for target in QUICK for how in endings_of_mutated(reader, target, valid(target), 3)]
     # Neither are all mutations harmless, nor are they all found at the first look.
     assert ended.count("read") > 5 and ended.count("refused") > 20
 
 
-def endings_of_mutated(reader: Reader, target: str, files: list[Path]) -> list[str]:
-    """How mutations of valid files ended, three of each; all of them as they should."""
+@pytest.mark.parametrize("target", ["suite", "run", "build", "board"])
+def test_mutated_suites_runs_and_boards(reader: Reader, valid: Callable[[str], list[Path]], target: str) -> None:
+    for path in valid(target):
+        result = reader.outcome(target, path)
+        assert (result.ended, result.problem(path)) == ("read", ""), path.name
+    ended = endings_of_mutated(reader, target, valid(target), 30)
+    assert "read" in ended and "refused" in ended
+
+
+def endings_of_mutated(reader: Reader, target: str, files: list[Path], times: int) -> list[str]:
+    """How mutations of valid files ended, some of each; all of them as they should."""
     ended: list[str] = []
     seeds = [(path, path.read_bytes()) for path in files]
     others = [data for _, data in seeds]
 
     @settings(
-        max_examples=3 * len(seeds),
+        max_examples=times * len(seeds),
         derandomize=True,
         deadline=None,
         database=None,
@@ -89,8 +98,7 @@ def endings_of_mutated(reader: Reader, target: str, files: list[Path]) -> list[s
     @given(st.sampled_from(seeds), st.integers(0, 2**32))
     def check(seed: tuple[Path, bytes], number: int) -> None:
         path, data = seed
-        mutate = mutated_e57 if path.suffix == ".e57" else mutated
-        path.write_bytes(mutate(data, np.random.default_rng(number), others))
+        path.write_bytes(damaged(path, data, np.random.default_rng(number), others))
         result = reader.outcome(target, path)
         problem = result.problem(path)
         path.write_bytes(data)
@@ -199,6 +207,73 @@ def test_runs_of_strangers(reader: Reader, tmp_path: Path, name: str, content: s
         content = "\n".join([json.dumps(json.loads(first) | content), *rest, ""])
     path.write_text(content)
     result = reader.outcome("run", path)
+    assert (result.ended, result.problem(path)) == ("refused", "")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda row: row.pop("dataset"),
+        lambda row: row["dataset"].update(version=2),
+        lambda row: row["task"].update(version="\n"),
+        lambda row: row["completer"].pop("options"),
+        lambda row: row["completer"].update(weights=1),
+        lambda row: row.update(key="../../x"),
+        lambda row: row.update(scene="a\nb"),
+        lambda row: row.update(status="fine"),
+    ],
+)
+def test_boards_of_strangers_rows(reader: Reader, tmp_path: Path, change: Callable[[dict], None]) -> None:
+    path = SEEDS["build"](tmp_path)[0]
+    rows = [json.loads(line) for line in path.read_text().splitlines()]
+    change(rows[3])
+    path.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    result = reader.outcome("build", path)
+    assert (path.name, result.ended, result.problem(path)) == ("rows.jsonl", "refused", "")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"configuration": {"split": "a\nb"}},
+        {"configuration": {"split": "test", "dataset": ["rooms"]}},
+        {"configuration": {"split": "test", "completers": [{"name": "mine"}]}},
+        {"machine": {"cpu": float("nan")}},
+        {"calibration_seconds": -1},
+        {"time": 5},
+    ],
+)
+def test_boards_of_strangers_runs(reader: Reader, tmp_path: Path, change: dict) -> None:
+    path = SEEDS["build"](tmp_path)[1]
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    result = reader.outcome("build", path)
+    assert (path.name, result.ended, result.problem(path)) == ("run.json", "refused", "")
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [
+        (["cells", 0, "case"], 99),
+        (["cells", 0, "case"], -1),
+        (["cells", 0, "run"], 1),
+        (["cells", 0, "completer"], "another"),
+        (["cases", 0, "scene"], "another"),
+        (["cases", 0, "level"], "high"),
+        (["cases", 0, "level"], float("inf")),
+        (["standings", 0, "median"], [1, 2]),
+        (["tasks", 0, "metrics"], []),
+        (["schema_version"], "1"),
+        (["schema_version"], 0),
+    ],
+)
+def test_boards_that_lie(reader: Reader, tmp_path: Path, place: list, value: object) -> None:
+    (path,) = SEEDS["board"](tmp_path)
+    content = holder = json.loads(path.read_text())
+    for part in place[:-1]:
+        holder = holder[part]
+    holder[place[-1]] = value
+    path.write_text(json.dumps(content))
+    result = reader.outcome("board", path)
     assert (result.ended, result.problem(path)) == ("refused", "")
 
 

@@ -1,0 +1,111 @@
+"""What runs must say of their plugins and of themselves for a board to be made of them: they may be a stranger's."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field, ValidationError
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.keys import canonical_json
+
+_KEY = re.compile(r"[0-9a-f]{16,64}")
+_Number = Annotated[float, Field(ge=0, le=1e300)]
+_Line = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]*$")]
+
+
+class _Plugin(BaseModel):
+    name: _Line
+    version: _Line
+    options: dict[str, Any]
+
+
+class _Data(_Plugin):
+    digest: _Line
+
+
+class _Seen(BaseModel):
+    dataset: str
+    split: str = ""
+    scenes: list[str] = []
+
+
+class _Card(BaseModel):
+    trained_on: list[_Seen] = []
+
+
+class _Completer(_Plugin):
+    weights: str | None
+    card: _Card | None = None
+
+
+class _Named(BaseModel):
+    name: _Line
+
+
+class _Configuration(BaseModel):
+    split: _Line
+    dataset: _Named | None = None
+    seed: int = 0
+    completers: list[_Completer] = []
+
+
+class _Facts(BaseModel):
+    configuration: _Configuration
+    time: str | None = None
+    calibration_seconds: _Number | None = None
+    machine: dict[str, Any] = {}
+    git: dict[str, Any] | None = None
+    dataset_path: str | None = None
+
+
+_PLUGINS: Mapping[str, type[_Plugin]] = {
+    "dataset": _Data,
+    "incompleteness": _Plugin,
+    "completer": _Completer,
+    "task": _Plugin,
+}
+
+
+def require_sound_facts(facts: Mapping[str, Any], path: Path) -> None:
+    """Refuse a `run.json` that lacks what boards say of a run, or holds another kind of value there.
+
+    Raises:
+        PcdbenchError: naming the file and the first thing that is wrong.
+    """
+    _require(_Facts, facts, f"{path}")
+
+
+def require_sound_keys(row: Mapping[str, Any], path: Path) -> None:
+    """Refuse a row whose keys, or whose scene, are none.
+
+    Raises:
+        PcdbenchError: naming the file.
+    """
+    if not (_KEY.fullmatch(row["key"]) and _KEY.fullmatch(row["cell"]) and row["scene"].isprintable()):
+        raise PcdbenchError(f"{path}: the key, cell or scene of a row is none ({row['key'][:16]!r}); run it again")
+
+
+def require_sound_plugin(kind: str, plugin: Any, path: Path) -> None:
+    """Refuse what a row says of its `dataset`, `incompleteness`, `completer` or `task` unless boards can use it.
+
+    Raises:
+        PcdbenchError: naming the file and the first thing that is wrong.
+    """
+    _require(_PLUGINS[kind], plugin, f"{path}: the {kind} of a row")
+
+
+def _require(model: type[BaseModel], value: Any, what: str) -> None:
+    try:
+        model.model_validate(value)
+        canonical_json(value).encode()
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        message = first["msg"][0].lower() + first["msg"][1:]
+        raise PcdbenchError(f"{what} is not as runs have it ({where}: {message}); run it again") from None
+    except ValueError as error:
+        raise PcdbenchError(f"{what} holds what JSON cannot say ({error}); run it again") from None
