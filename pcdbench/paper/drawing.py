@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 _SHARES = np.linspace(0.0, 1.0, 201)
 _PANEL_INCHES = (3.4, 2.7)
-_REFERENCES = {"incomplete": ":", "ground_truth": "--"}
+_REFERENCE_DASHES = ("-", "--", "-.", ":")
 _REFERENCE_COLOR = "#8c8c8c"
 _SHOWN_QUANTILE = 0.98  # distributions are cut off there: a few lost scans would flatten all others
 
@@ -58,6 +59,15 @@ def _with_legend(figure: Figure, panel: Axes) -> Figure:
     return figure
 
 
+def _styles(names: Iterable[str], references: set[str]) -> dict[str, tuple[str, str]]:
+    """Colour and dashes of each completer; references are grey."""
+    styles = {}
+    grey, colors = itertools.cycle(_REFERENCE_DASHES), itertools.cycle(COLORS)
+    for name in names:
+        styles[name] = (_REFERENCE_COLOR, next(grey)) if name in references else (next(colors), "-")
+    return styles
+
+
 def _distributions(drawn: Distribution, numbers: Numbers) -> Figure | None:
     of_level = {level: numbers.samples(drawn.run, drawn.task, level) for level in drawn.levels}
     if not any(of_level.values()):
@@ -66,13 +76,11 @@ def _distributions(drawn: Distribution, numbers: Numbers) -> Figure | None:
     metric, unit, direction = numbers.metric(drawn.run, drawn.task)
     for panel, (level, samples) in zip(panels, of_level.items(), strict=True):
         shown = {name: its for name, its in samples.items() if not drawn.completers or name in drawn.completers}
-        methods = [name for name in shown if name not in _REFERENCES]
+        styles = _styles(shown, numbers.references(drawn.run))
         for name, its in shown.items():
-            reference = name in _REFERENCES
-            color = _REFERENCE_COLOR if reference else COLORS[methods.index(name) % len(COLORS)]
+            color, dashes = styles[name]
             values = np.quantile(its, _SHARES, method="inverted_cdf")
-            style = _REFERENCES.get(name, "-")
-            panel.plot(values, _SHARES, label=name, color=color, ls=style, lw=1.4, drawstyle="steps-post")
+            panel.plot(values, _SHARES, label=name, color=color, ls=dashes, lw=1.4, drawstyle="steps-post")
         if direction == "lower" and shown:
             panel.set_xlim(0, 1.05 * max(np.quantile(its, _SHOWN_QUANTILE) for its in shown.values()))
         panel.set(title=f"{level:.0%} missing", xlabel=f"{metric} ({unit.split(',')[0]})", ylim=(0, 1))
@@ -108,7 +116,7 @@ def _curve(drawn: ShownCurve, numbers: Numbers) -> Figure | None:
 def _bars(drawn: Bars, numbers: Numbers) -> Figure | None:
     figure, (panel,) = _panels(1)
     width = 0.8 / len(drawn.completers)
-    measured = False
+    styles, measured = _styles(drawn.completers, numbers.references(drawn.run)), False
     for number, completer in enumerate(drawn.completers):
         for position, level in enumerate(drawn.levels):
             at = position + (number - (len(drawn.completers) - 1) / 2) * width
@@ -116,7 +124,7 @@ def _bars(drawn: Bars, numbers: Numbers) -> Figure | None:
             if its is not None:
                 measured = True
                 margin = np.maximum(np.nan_to_num([[its.value - its.low], [its.high - its.value]]), 0)
-                color = _REFERENCE_COLOR if completer in _REFERENCES else COLORS[number % len(COLORS)]
+                color = styles[completer][0]
                 label = completer if position == 0 else None
                 panel.bar(at, its.value, width * 0.9, yerr=margin, color=color, label=label, capsize=2)
             for bar in drawn.published:

@@ -49,6 +49,10 @@ class Numbers:
         lines = table[(table["task"] == task) & (table["level"] == level) & table["main"]]
         return {name: np.concatenate(list(its["samples"])) for name, its in lines.groupby("completer", sort=False)}
 
+    def references(self, run: str) -> set[str]:
+        """The completers of a run that are references."""
+        return {row["completer"]["name"] for row in self.outcomes[run].rows if row["completer"]["reference"]}
+
     def metric(self, run: str, task: str) -> tuple[str, str, str]:
         """Name, unit and better direction of the main metric of a task."""
         table = self._samples[run]

@@ -24,9 +24,9 @@ def write_page(publication: Publication, outcomes: Mapping[str, Outcome], comman
     numbers = Numbers(outcomes)
     lines = [*_head(publication, outcomes, command)]
     for part in publication.parts:
-        lines += ["", f"## {part.number}: {part.title}", ""]
+        lines += [f"## {part.number}: {part.title}", ""]
         lines += _part(part, numbers, path)
-    lines += ["", "## What they were trained for", "", *_compute(outcomes)]
+    lines += ["## What they were trained for", "", *_compute(outcomes)]
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -48,6 +48,7 @@ def _head(publication: Publication, outcomes: Mapping[str, Outcome], command: st
     yield ""
     for topic, text in publication.differs.items():
         yield f"- **{topic}**: {' '.join(text.split())}"
+    yield ""
 
 
 def _part(part: Part, numbers: Numbers, path: Path) -> Iterator[str]:
