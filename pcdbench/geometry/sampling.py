@@ -140,7 +140,7 @@ def _voxel_numbers(points: NDArray[np.float64], edge: float) -> NDArray[np.int64
 
 
 def stable_order(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """What `numpy.argsort(numbers, kind="stable")` gives for numbers from 0 up, ten times faster if they are not huge."""
+    """What `numpy.argsort(numbers, kind="stable")` gives for numbers from 0 up, ten times faster if not huge."""
     order, _ = _ordered(numbers)
     return order
 
