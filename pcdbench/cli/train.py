@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,8 +27,8 @@ def train(
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer that changes its network.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Decides the data and the first weights.")] = 0,
-    workers: Annotated[int, typer.Option(min=0, help="Processes that prepare examples.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Decides the data and the first weights.")] = 0,
+    workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that prepare examples.")] = 1,
 ) -> None:
     """Train a completer that learns; stop it at any moment, and go on with --resume."""
     from pcdbench.plugins import did_you_mean, load_target, registry
@@ -38,6 +39,8 @@ def train(
     target = getattr(completer, f"{part}_trainee" if part else "trainee", None)
     if target is None:
         raise PcdbenchError(f"{name} learns nothing, so there is nothing to train")
+    if hours is not None and not math.isfinite(hours):
+        raise PcdbenchError(f"--hours {hours} must be a number of hours")
     if device not in ("auto", "cpu", "cuda"):
         raise PcdbenchError(f"--device {device!r} must be auto, cpu or cuda")
     if out.exists() and (out / "checkpoint.safetensors").exists() and not resume:

@@ -52,8 +52,8 @@ def read_board(path: Path) -> Board:
     Raises:
         PcdbenchError: where there is none, it is damaged, or a newer pcdbench wrote it.
     """
-    path = path / LEADERBOARD if path.is_dir() else path
     try:
+        path = path / LEADERBOARD if path.is_dir() else path
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number, parse_float=_finite)
         version = content["schema_version"]
         if not isinstance(version, int) or version < min(MIGRATIONS, default=SCHEMA_VERSION):

@@ -78,10 +78,17 @@ def data_paths(folders: Iterable[Path]) -> dict[str, str | None]:
 
 
 def _run_folders(folders: Iterable[Path]) -> list[Path]:
-    """The folders of runs among these and in those of them that are none, each once."""
+    """The folders of runs among these and in those of them that are none, each once.
+
+    Raises:
+        PcdbenchError: where one cannot be looked into.
+    """
     found: dict[Path, Path] = {}
     for folder in folders:
-        inner = sorted(path.parent for path in folder.glob(f"*/{RUN}")) if not (folder / RUN).exists() else []
+        try:
+            inner = [] if (folder / RUN).exists() else sorted(path.parent for path in folder.glob(f"*/{RUN}"))
+        except OSError as error:
+            raise PcdbenchError(f"{folder} cannot be read ({error.strerror}); give the folder of a run") from None
         for path in inner or [folder]:
             found.setdefault(path.resolve(), path)
     return list(found.values())

@@ -13,6 +13,7 @@ from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json
 
 _KEY = re.compile(r"[0-9a-f]{16,64}")
+_LARGEST_DRAW = 65_535  # pages count draws in two bytes
 _Number = Annotated[float, Field(ge=0, le=1e300)]
 _Line = Annotated[str, Field(min_length=1, pattern=r"^[^\x00-\x1f\x7f]*$")]
 
@@ -80,13 +81,16 @@ def require_sound_facts(facts: Mapping[str, Any], path: Path) -> None:
 
 
 def require_sound_keys(row: Mapping[str, Any], path: Path) -> None:
-    """Refuse a row whose keys, or whose scene, are none.
+    """Refuse a row whose keys, scene or draw are none.
 
     Raises:
         PcdbenchError: naming the file.
     """
-    if not (_KEY.fullmatch(row["key"]) and _KEY.fullmatch(row["cell"]) and row["scene"].isprintable()):
-        raise PcdbenchError(f"{path}: the key, cell or scene of a row is none ({row['key'][:16]!r}); run it again")
+    sound = _KEY.fullmatch(row["key"]) and _KEY.fullmatch(row["cell"]) and row["scene"].isprintable()
+    if not (sound and 0 <= row["draw"] <= _LARGEST_DRAW):
+        raise PcdbenchError(
+            f"{path}: the key, cell, scene or draw of a row is none (key {row['key'][:16]!r}); run it again"
+        )
 
 
 def require_sound_plugin(kind: str, plugin: Any, path: Path) -> None:

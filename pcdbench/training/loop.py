@@ -156,7 +156,10 @@ def train(
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PcdbenchError(f"{out} cannot be made ({error.strerror}); give another folder") from None
     torch.manual_seed(stream.seed)
     torch.set_num_threads(thread_count())
     accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")

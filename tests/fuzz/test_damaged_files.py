@@ -221,6 +221,7 @@ def test_runs_of_strangers(reader: Reader, tmp_path: Path, name: str, content: s
         lambda row: row.update(key="../../x"),
         lambda row: row.update(scene="a\nb"),
         lambda row: row.update(status="fine"),
+        lambda row: row.update(draw=10**12),
     ],
 )
 def test_boards_of_strangers_rows(reader: Reader, tmp_path: Path, change: Callable[[dict], None]) -> None:
