@@ -91,6 +91,11 @@ class Registration:
     origin: str
     weights: tuple[Path, ...] = ()
 
+    @property
+    def lacks_weights(self) -> bool:
+        """Whether a file of weights that its package brings is not there."""
+        return not all(path.is_file() for path in self.weights)
+
     def load(self) -> type[Any]:
         """Import the class.
 

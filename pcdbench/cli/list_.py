@@ -45,4 +45,4 @@ def _lines(registrations: list[Registration]) -> list[str]:
 def _note(registration: Registration) -> str:
     if registration.reference:
         return " [reference]"
-    return "" if all(path.is_file() for path in registration.weights) else " [weights missing]"
+    return " [weights missing]" if registration.lacks_weights else ""

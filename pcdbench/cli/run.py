@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -75,12 +75,12 @@ def run(
     limits = Limits(timeout, memory_limit, retries)
     asked = _requests(suite, completer, task, dataset, split, incompleteness, level, seed, option or ())
     plans = [plan(request) for request in asked]
+    for line in _left_out({name: reason for planned in plans for name, reason in planned.left_out.items()}):
+        typer.echo(f"pcdbench: {line}", err=True)
     failed = 0
     with _place_for_cells(executor, scheduler, jobs, limits) as place:
         for number, planned in enumerate(plans, start=1):
             folder = out if out is None or len(plans) == 1 else out / str(number)
-            for name, reason in planned.left_out.items():
-                typer.echo(f"pcdbench: {name} is left out: {reason}", err=True)
             try:
                 ended = carry_out(planned, folder, place)
             except KeyboardInterrupt:
@@ -93,6 +93,20 @@ def run(
     if failed:
         typer.echo(f"pcdbench: {failed} rows failed; the same command tries them again", err=True)
         raise typer.Exit(3)
+
+
+def _left_out(reasons: Mapping[str, str]) -> list[str]:
+    """What `all` leaves out, a line each; completers without weights are one line together."""
+    from pcdbench.plugins import registry
+
+    untrained = [its.name for its in registry().all("completer") if its.lacks_weights and its.name in reasons]
+    lines = [f"{name} is left out: {reason}" for name, reason in reasons.items() if name not in untrained]
+    if untrained:
+        lines.append(
+            f"left out, for want of weights: {', '.join(untrained)} (pcdbench train makes some, "
+            "--option NAME.weights=FILE gives them)"
+        )
+    return lines
 
 
 def _place_for_cells(

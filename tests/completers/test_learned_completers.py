@@ -19,7 +19,7 @@ from safetensors.torch import save_file
 from typer.testing import CliRunner
 
 from pcdbench import PcdbenchError, PointCloud
-from pcdbench.cli import app, list_
+from pcdbench.cli import app, list_, run
 from pcdbench.plugins import Registration, load_target
 from pcdbench.runner.plan import Request, plan
 from pcdbench.testing import check_completer
@@ -183,6 +183,16 @@ def test_list_shows_that_weights_are_missing(tmp_path):
         ]
     )
     assert "weights missing" in lines[0] and "weights missing" not in lines[1]
+
+
+def test_a_run_tells_what_it_leaves_out_in_one_line_for_all_without_weights(monkeypatch, tmp_path):
+    name = {"summary": "", "reference": False, "origin": "here", "weights": (tmp_path / "absent.safetensors",)}
+    found = [Registration("completer", its, "a:B", **name) for its in ("one", "two", "asked_for")]
+    found.append(Registration("completer", "broken", "a:B", **name | {"weights": ()}))
+    monkeypatch.setattr("pcdbench.plugins.Registry.all", lambda *_: found)
+    lines = run._left_out({"one": "no weights", "broken": "it has a bug", "two": "no weights"})
+    assert lines[0] == "broken is left out: it has a bug" and len(lines) == 2
+    assert "one, two (" in lines[1] and "asked_for" not in lines[1]
 
 
 def test_missing_weights_of_a_part_name_the_options_they_are_given_by(monkeypatch, tmp_path, networks):
