@@ -112,8 +112,9 @@ def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
                 continue
             difference = _difference(other.row, row)
             if difference:
+                place, told = (" ".join(text.split()) for text in (_place(row), difference))
                 raise PcdbenchError(
-                    f"{runs[other.run].folder} and {run.folder} do not agree on {_place(row)}: {difference} "
+                    f"{runs[other.run].folder} and {run.folder} do not agree on {place}: {told} "
                     f"(key {row['key'][:16]}); leave one of them out, or find out which is right and run it again"
                 )
             merged[key] = min(other, one, key=_precedence)
@@ -157,9 +158,9 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
     def check(run: RunRows, kind: str, name: str, told: str) -> None:
         before, folder = seen.setdefault((kind, name), (told, run.folder))
         if before != told:
+            where = " ".join(f"{kind} {name} at {before}, {run.folder} at {told}".split())
             raise PcdbenchError(
-                f"{folder} has {kind} {name} at {before}, {run.folder} at {told}: their numbers do not mix; "
-                "build a board of each, or run one of them again"
+                f"{folder} has {where}: their numbers do not mix; build a board of each, or run one of them again"
             )
 
     for run in runs:
@@ -173,7 +174,7 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
 
 def _told(plugin: Mapping[str, Any]) -> str:
     options = ", ".join(f"{name}={value}" for name, value in sorted(plugin["options"].items()))
-    return f"version {plugin['version']}" + (f" ({' '.join(options.split())})" if options else "")
+    return f"version {plugin['version']}" + (f" ({options})" if options else "")
 
 
 def _place(row: Mapping[str, Any]) -> str:
