@@ -9,6 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+import orjson
 from pydantic import TypeAdapter, ValidationError
 
 from pcdbench.errors import PcdbenchError
@@ -38,7 +39,8 @@ def board_json(board: Board) -> str:
     """
     parts = [f'"schema_version": {SCHEMA_VERSION}', f'"name": {_line(board.name)}']
     for name in (*_DESCRIBED, *_MEASURED):
-        lines = ",\n".join(_line(_plain(entry)) for entry in getattr(board, name))
+        line = _cell_line if name == "cells" else _line
+        lines = ",\n".join(line(_plain(entry)) for entry in getattr(board, name))
         parts.append(f'"{name}": [\n{lines}\n]' if lines else f'"{name}": []')
     return "{\n" + ",\n".join(parts) + "\n}\n"
 
@@ -164,3 +166,8 @@ def _rounded(value: float) -> float | None:
 
 def _line(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": "))
+
+
+def _cell_line(value: Any) -> str:
+    """Likewise, ten times as fast and without spaces: cells are nearly all of a large board."""
+    return orjson.dumps(value).decode()
