@@ -121,7 +121,7 @@ def calibrated(sequence: Sequence) -> Sequence:
             T_zup_world=sequence.T_zup_world if T_zup_world is None else matrix4(T_zup_world),
             files=(*sequence.files, path),
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (OSError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise CloudError(f"{path} is no calibration as docs/data.md describes it ({error!r}); correct it") from error
 
 
