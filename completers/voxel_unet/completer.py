@@ -35,12 +35,12 @@ DISK_AREAS = 0.44
 class VoxelUNetCompleter(LearnedCompleter):
     """Volumetric inpainting by a 3D U-Net over voxels of twice the cloud's spacing.
 
-    Every observed point is kept. Where nothing was observed and the network's occupancy passes the
+    Every observed point is kept. Where nothing was observed and the probability of surface passes the
     threshold, points are added on the predicted surface, at the observed density.
     """
 
     class Options(pcdbench.Options):
-        threshold: float = Field(0.25, gt=0, lt=1, description="occupancy above which surface is added")
+        threshold: float = Field(0.5, gt=0, lt=1, description="probability above which surface is added")
         weights: str = Field(
             "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
         )
@@ -68,7 +68,7 @@ class VoxelUNetCompleter(LearnedCompleter):
     def complete_with_confidence(
         self, cloud: pcdbench.PointCloud, rng: np.random.Generator
     ) -> tuple[pcdbench.PointCloud, NDArray[np.floating[Any]]]:
-        """The completed cloud, and the occupancy probability at each added point (1 at the observed ones)."""
+        """The completed cloud, and the probability of surface at each added point (1 at the observed ones)."""
         origin = cloud.points.mean(axis=0)
         local = pcdbench.PointCloud(cloud.points - origin, cloud.colors)
         spacing_m = surface_spacing(local.points) if len(cloud) >= FEWEST_POINTS else 0.0
@@ -88,7 +88,7 @@ def surface_points(
     """Points on the predicted surface where nothing was observed, as dense as the observed ones.
 
     Returns:
-        The M added points, and the (M,) occupancy of the sub-voxels they came from.
+        The M added points, and the (M,) probability of the sub-voxels they came from.
     """
     away, _ = cKDTree(cloud.points).query(
         found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count()

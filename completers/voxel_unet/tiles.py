@@ -15,7 +15,7 @@ from pcdbench.threads import thread_count
 from .grid import Grid, network_input
 
 if TYPE_CHECKING:
-    from torch import nn
+    from torch import Tensor, nn
 
 HALO = 16  # voxels on each side of a tile that are read but not used
 STEP = 64
@@ -28,7 +28,7 @@ class Prediction:
 
     Attributes:
         points: (M, 3) metres.
-        probability: (M,) occupancy.
+        probability: (M,) of surface there, give or take a sub-voxel.
         colors: (M, 3) in [0, 1].
     """
 
@@ -42,7 +42,7 @@ class Prediction:
 
 
 def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float) -> Prediction:
-    """The sub-voxels of the grid whose occupancy passes the threshold, tile by tile: memory does not grow with it.
+    """Where in the grid the probability of surface passes the threshold, tile by tile: memory does not grow with it.
 
     Args:
         cloud: what was observed, metres; all of it lies in the grid.
@@ -63,9 +63,9 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
                 continue
             out = network(torch.from_numpy(network_input(seen, part))[None])[0]
             inner = tuple(slice(2 * (span.used[0] - span.read[0]), 2 * (span.used[1] - span.read[0])) for span in tile)
+            probability, ridge = (part[inner] for part in surface(torch.sigmoid(out[0])))
             out = out[:, inner[0], inner[1], inner[2]]
-            probability = torch.sigmoid(out[0])
-            x, y, z = torch.nonzero(probability > threshold, as_tuple=True)
+            x, y, z = torch.nonzero(ridge & (probability > threshold), as_tuple=True)
             values = out[1:, x, y, z].T.double().numpy()
             corner = 2 * np.array([span.used[0] for span in tile])
             cells = torch.stack([x, y, z], dim=1).numpy() + corner + 0.5 + values[:, :3]
@@ -76,6 +76,33 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
         np.concatenate([part.probability for part in found]),
         np.concatenate([part.colors for part in found]),
     )
+
+
+def surface(occupancy: Tensor) -> tuple[Tensor, Tensor]:
+    """How likely surface is around each sub-voxel, and whether it is likeliest just there.
+
+    Where a surface is certain but not how deep it lies, its occupancy is spread over a few sub-voxels, none of which
+    is likely by itself. So occupancies are added up over a sub-voxel and its two neighbours along an axis, the axis
+    on which they add up to most; and of the three the likeliest is where the surface is put.
+
+    Args:
+        occupancy: (X, Y, Z) of the sub-voxels.
+
+    Returns:
+        (X, Y, Z) the probability, and the (X, Y, Z) mask of the likeliest.
+    """
+    import torch
+    from torch.nn import functional as F
+
+    sums, tops = [], []
+    for axis in range(3):
+        window = [3 if other == axis else 1 for other in range(3)]
+        padding = [size // 2 for size in window]
+        sums.append(3 * F.avg_pool3d(occupancy[None], window, 1, padding)[0])
+        tops.append(F.max_pool3d(occupancy[None], window, 1, padding)[0])
+    probability, axis = torch.stack(sums).max(dim=0)
+    top = torch.stack(tops).gather(0, axis[None])[0]
+    return probability.clamp(max=1.0), occupancy >= top
 
 
 def _rows_by_block(points: NDArray[np.float64], grid: Grid) -> dict[tuple[int, ...], NDArray[np.int64]]:
