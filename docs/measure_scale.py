@@ -370,8 +370,9 @@ def simulate(costs: Costs) -> None:
                 f"| {number:,} | {seconds:g} | {its.workers:.0%} | {its.client:.0%} | {its.scheduler:.0%} | "
                 f"{its.cells_a_second:,.0f} | {its.cells_a_second * costs.row_bytes / 1e6:.2f} |"
             )
-    limit = 1 / (costs.client + costs.syncing)
-    print(f"the client takes {limit:,.0f} cells a second: 1,000 workers are busy from {1000 / limit:.1f} s a cell on")
+    limits = {"scheduler": 1 / costs.scheduler, "client": 1 / (costs.client + costs.syncing)}
+    for who, limit in sorted(limits.items(), key=lambda one: one[1]):
+        print(f"the {who} takes {limit:,.0f} cells a second: 1,000 workers are busy from {1000 / limit:.1f} s a cell on")
 
 
 def main(parts: Sequence[str]) -> None:
