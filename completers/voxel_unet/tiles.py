@@ -94,15 +94,19 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor]:
     import torch
     from torch.nn import functional as F
 
-    sums, tops = [], []
+    padded = F.pad(occupancy, (1,) * 6)
+    probability, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
+    inner = slice(1, -1)
     for axis in range(3):
-        window = [3 if other == axis else 1 for other in range(3)]
-        padding = [size // 2 for size in window]
-        sums.append(3 * F.avg_pool3d(occupancy[None], window, 1, padding)[0])
-        tops.append(F.max_pool3d(occupancy[None], window, 1, padding)[0])
-    probability, axis = torch.stack(sums).max(dim=0)
-    top = torch.stack(tops).gather(0, axis[None])[0]
-    return probability.clamp(max=1.0), occupancy >= top
+        before, after = (
+            padded[tuple(beside if other == axis else inner for other in range(3))]
+            for beside in (slice(None, -2), slice(2, None))
+        )
+        together = occupancy + before + after
+        more = together > probability
+        ridge = torch.where(more, occupancy >= torch.maximum(before, after), ridge)
+        probability = torch.where(more, together, probability)
+    return probability.clamp(max=1.0), ridge
 
 
 def _rows_by_block(points: NDArray[np.float64], grid: Grid) -> dict[tuple[int, ...], NDArray[np.int64]]:

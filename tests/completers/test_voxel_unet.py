@@ -201,17 +201,16 @@ def test_it_needs_no_colour_and_moves_with_the_cloud() -> None:
 
 @trained
 def test_a_higher_threshold_adds_less_and_confidence_is_above_it() -> None:
-    cloud = with_hole(room(6000), (4.5, 2.0, 0.0), 1.0)
+    cloud = with_hole(with_hole(room(12_000), (4.5, 2.0, 0.0), 1.2), (2.0, 0.0, 1.3), 0.9)
     counts = []
-    for threshold in (0.2, 0.5, 0.8):
+    for threshold in (0.05, 0.5, 0.95):
         completer = VoxelUNetCompleter(VoxelUNetCompleter.Options(threshold=threshold))
         completed, confidence = completer.complete_with_confidence(cloud, np.random.default_rng(0))
         assert len(confidence) == len(completed)
         assert (confidence[: len(cloud)] == 1).all()
         assert confidence.min() > threshold
         counts.append(len(completed) - len(cloud))
-    assert counts == sorted(counts, reverse=True)
-    assert counts[0] > counts[2]
+    assert counts[0] > counts[1] > counts[2]
 
 
 @trained
