@@ -372,7 +372,9 @@ def simulate(costs: Costs) -> None:
             )
     limits = {"scheduler": 1 / costs.scheduler, "client": 1 / (costs.client + costs.syncing)}
     for who, limit in sorted(limits.items(), key=lambda one: one[1]):
-        print(f"the {who} takes {limit:,.0f} cells a second: 1,000 workers are busy from {1000 / limit:.1f} s a cell on")
+        print(
+            f"the {who} takes {limit:,.0f} cells a second: 1,000 workers are busy from {1000 / limit:.1f} s a cell on"
+        )
 
 
 def main(parts: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.voxel_unet.completer import UNOBSERVED, VOXEL_SPACINGS, VoxelUNetCompleter
 from pcdbench_completers.voxel_unet.grid import Grid
 from pcdbench_completers.voxel_unet.tiles import predict
+from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from pcdbench import PointCloud
@@ -32,7 +33,7 @@ IMAGES = Path(__file__).parent / "images"
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 LEVELS = (0.1, 0.3, 0.5)
 BINS = 10
-LOWEST = 0.05  # sub-voxels less likely than this are empty space far from anything, and perfectly predicted
+LOWEST = 0.05  # what is less likely than this is empty space far from anything, and perfectly predicted
 MIN_POINTS = 8000
 
 
@@ -71,7 +72,11 @@ def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np
 
 
 def reliability(measured: list[Case]) -> tuple[NDArray, NDArray, NDArray, float]:
-    """By bin: mean probability, share occupied, count; and the expected calibration error. Unobserved sub-voxels."""
+    """By bin: mean probability, share with surface, count; and the expected calibration error.
+
+    Of the likeliest of three sub-voxels where nothing was observed; there is surface if the true one passes through it
+    or through a neighbour.
+    """
     completer: Any = VoxelUNetCompleter()
     sums = np.zeros((3, BINS))
     for case in measured:
@@ -82,8 +87,10 @@ def reliability(measured: list[Case]) -> tuple[NDArray, NDArray, NDArray, float]
         away, _ = cKDTree(cloud.points).query(found.points, distance_upper_bound=UNOBSERVED * spacing_m)
         found = found.select(np.isinf(away))
         dense = case.scene.dense.points
-        occupied = np.unique(grid.cells(dense[grid.holds(dense)], per_edge=2)[0])
-        hit = np.isin(grid.cells(found.points, per_edge=2)[0], occupied)
+        occupied = np.zeros(2 * np.array(grid.shape), np.bool_)
+        occupied.reshape(-1)[grid.cells(dense[grid.holds(dense)], per_edge=2)[0]] = True
+        near = binary_dilation(occupied, np.ones((3, 3, 3)))
+        hit = near.reshape(-1)[grid.cells(found.points, per_edge=2)[0]]
         which = np.minimum((found.probability * BINS).astype(int), BINS - 1)
         sums += [np.bincount(which, weight, BINS) for weight in (found.probability, hit, np.ones(len(hit)))]
     count = np.maximum(sums[2], 1)
@@ -126,7 +133,7 @@ def draw(table: dict[float, NDArray], diagrams: dict[str, tuple[NDArray, NDArray
     for name, (probability, share, count, error) in diagrams.items():
         used = count > 0
         right.plot(probability[used], share[used], "o-", ms=3, label=f"{name} (error {error:.3f})")
-    right.set(xlabel="predicted occupancy", ylabel="share truly occupied")
+    right.set(xlabel="predicted probability of surface", ylabel="share with surface")
     right.legend(frameon=False)
     figure.savefig(IMAGES / "voxel_unet_confidence.png", dpi=130)
 
@@ -141,9 +148,8 @@ def main(rooms: str = "12", folder: str = "") -> None:
         scans = Clouds(folder)
         diagrams["real rooms"] = reliability(cases(scans, list(scans.scene_names(scans.default_split)), 0.3))
     for name, (probability, share, count, error) in diagrams.items():
-        print(
-            f"\n{name}: expected calibration error {error:.3f}\n\n| predicted | occupied | sub-voxels |\n|---|---|---|"
-        )
+        print(f"\n{name}: expected calibration error {error:.3f}\n")
+        print("| predicted | with surface | sub-voxels |\n|---|---|---|")
         for line in zip(probability, share, count, strict=True):
             print("| {:.2f} | {:.2f} | {:.0f} |".format(*line))
     print("\n| points | seconds | of five |\n|---|---|---|")
