@@ -49,14 +49,14 @@ def fuzzed(examples: int) -> settings:
     )
 
 
-@fuzzed(40)
+@fuzzed(20)
 @given(st.sampled_from(["show", "results", "view", "list", "data", "audit", "nosuch"]), st.lists(VALUES, max_size=2))
 def test_words(command: str, words: list[str]) -> None:
     # An audit of a real task would compute for minutes.
     check([command, *(f"no{word}" if command == "audit" else word for word in words)])
 
 
-@fuzzed(40)
+@fuzzed(20)
 @given(st.lists(st.tuples(st.sampled_from(RUN), VALUES), max_size=3))
 def test_options_of_a_run(one_point: Path, options: list[tuple[str, str]]) -> None:
     given_ = [part for name, value in options for part in (f"{name}={value}",)]
@@ -65,7 +65,7 @@ def test_options_of_a_run(one_point: Path, options: list[tuple[str, str]]) -> No
     check([*base, *given_])
 
 
-@fuzzed(40)
+@fuzzed(20)
 @given(st.lists(st.tuples(st.sampled_from(COMPLETE), VALUES), max_size=3))
 def test_options_of_a_completion(one_point: Path, options: list[tuple[str, str]]) -> None:
     out = one_point.with_name("out.ply")
@@ -85,7 +85,7 @@ def some(options: tuple[str, ...], values: st.SearchStrategy[str] = VALUES) -> s
     return st.lists(st.builds("{}={}".format, st.sampled_from(options), values), max_size=3)
 
 
-@fuzzed(40)
+@fuzzed(20)
 @given(st.integers(0, 2**32), some(("--seed", "--completer", "--dataset", "--jobs", "--format")))
 def test_suites_and_options_beside_them(one_point: Path, number: int, options: list[str]) -> None:
     folder = one_point.parent / "suite"
@@ -118,7 +118,7 @@ def no_training(monkeypatch: pytest.MonkeyPatch, one_point: Path) -> Path:
     return folder
 
 
-@fuzzed(30)
+@fuzzed(15)
 @given(st.one_of(st.sampled_from(["voxel_unet", "deeppcd.", ".", "chamfer"]), VALUES), VALUES, some(TRAIN))
 def test_options_of_a_training(no_training: Path, name: str, out: str, options: list[str]) -> None:
     check(["train", f"--out={no_training}/{out}", "--steps=1", *options, "--", name])
@@ -150,7 +150,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@fuzzed(30)
+@fuzzed(15)
 @given(st.lists(VALUES, max_size=2), VALUES, some(("--cases",)), st.booleans())
 def test_building_a_board(board: Path, runs: list[str], out: str, options: list[str], sound: bool) -> None:
     with pytest.MonkeyPatch.context() as patch:

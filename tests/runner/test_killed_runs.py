@@ -14,7 +14,7 @@ import pytest
 from pcdbench.runner.rows import CIRCUMSTANCES
 
 # 50 moments are what is promised; these few are for every day.
-KILLS = int(os.environ.get("PCDBENCH_TEST_KILLS", "8"))
+KILLS = int(os.environ.get("PCDBENCH_TEST_KILLS", "5"))
 # As `pcdbench run` does it, without the summary and the picture at its end.
 RUN = """
 import sys
