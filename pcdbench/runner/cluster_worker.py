@@ -33,10 +33,13 @@ class _Place:
         self._dataset = dataset
         self._checked: set[tuple[str, str]] = set()
         self._turn = threading.Lock()
+        self._ended = False
         self._idle = threading.Timer(_IDLE_SECONDS, self._rest)
 
     def rows(self, job: Job) -> list[Row]:
         with self._turn:
+            if self._ended:
+                return []
             self._idle.cancel()
             for plugin in (self._dataset, job.cell.incompleteness, job.cell.completer, *job.tasks):
                 if (plugin.kind, plugin.name) not in self._checked:
@@ -52,6 +55,7 @@ class _Place:
     def end(self) -> None:
         self._worker.stop()
         with self._turn:
+            self._ended = True
             self._idle.cancel()
             self._worker.close()
 
@@ -62,11 +66,12 @@ class _Place:
 
 
 _places: dict[str, _Place] = {}
+_ended: set[str] = set()
 _lock = threading.Lock()
 
 
 def do_job(run: str, dataset: Plugin, limits: Limits, job: Job) -> list[Row]:
-    """The rows of a job.
+    """The rows of a job; none of a run that has ended, whose last jobs may come after that was told.
 
     Args:
         run: what tells this run from others on the same cluster.
@@ -77,6 +82,8 @@ def do_job(run: str, dataset: Plugin, limits: Limits, job: Job) -> list[Row]:
     from distributed import get_worker
 
     with _lock:
+        if run in _ended:
+            return []
         if run not in _places:
             _places[run] = _Place(dataset, get_worker().state.nthreads, limits)
         place = _places[run]
@@ -86,6 +93,7 @@ def do_job(run: str, dataset: Plugin, limits: Limits, job: Job) -> list[Row]:
 def end_run(run: str) -> None:
     """End the process that this worker has for a run, in mid-cell even."""
     with _lock:
+        _ended.add(run)
         place = _places.pop(run, None)
     if place is not None:
         place.end()

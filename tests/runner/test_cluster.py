@@ -19,7 +19,7 @@ from pcdbench.plugins import registry
 from pcdbench.runner import cluster as cluster_module
 from pcdbench.runner import cluster_worker
 from pcdbench.runner.cluster import DaskCluster, dask_cluster
-from pcdbench.runner.jobs import Job
+from pcdbench.runner.jobs import Job, Limits
 from pcdbench.runner.plan import Plan, Request, plan
 from pcdbench.runner.rows import CIRCUMSTANCES
 from pcdbench.runner.run import Run, carry_out, local_processes
@@ -128,6 +128,13 @@ def test_few_jobs_are_sent_ahead_and_a_run_that_is_stopped_leaves_nothing_behind
         assert sum(state.status == "pending" for state in states) <= 2 * 2, "two a worker; done ones go in their time"
     results.close()
     assert set(two_workers.client.run(lambda: len(cluster_worker._places)).values()) == {0}
+
+
+def test_a_job_that_comes_after_its_run_has_ended_starts_no_process() -> None:
+    planned = plan(Request(["plane_fitting"], ["chamfer"]))
+    cluster_worker.end_run("ended already")
+    assert cluster_worker.do_job("ended already", planned.dataset, Limits(), jobs_of(planned)[0]) == []
+    assert "ended already" not in cluster_worker._places
 
 
 def test_a_worker_with_other_code_ends_the_run(two_workers: DaskCluster, tmp_path: Path) -> None:
