@@ -145,7 +145,7 @@ def main(rooms: str = "12", folder: str = "") -> None:
     table = threshold_table({level: cases(data, names, level) for level in LEVELS})
     diagrams = {"generated rooms": reliability(cases(data, names, 0.3))}
     if folder:
-        scans = Clouds(folder)
+        scans = Clouds(Path(folder))
         diagrams["real rooms"] = reliability(cases(scans, list(scans.scene_names(scans.default_split)), 0.3))
     for name, (probability, share, count, error) in diagrams.items():
         print(f"\n{name}: expected calibration error {error:.3f}\n")
