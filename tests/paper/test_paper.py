@@ -12,6 +12,7 @@ from pcdbench.cli import app
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.summary import summarize
 from pcdbench.paper.publication import ShownCurve, read_publication
+from pcdbench.plugins import registry
 from pcdbench.runner.store import read_rows
 
 PUBLICATION = """
@@ -193,3 +194,18 @@ def test_deeppcd_has_the_published_tables_and_figures() -> None:
     for point in grid.points:
         options = publication.runs[point.run].completers[0].options
         assert options.get("grid", 5) == point.at
+
+
+def test_every_number_of_deeppcd_is_one_that_is_measured() -> None:
+    publication = read_publication("deeppcd")
+    for part in publication.parts:
+        figure = [] if part.figure is None or part.figure.kind == "distribution" else [part.figure.column]
+        for column in [*part.columns, *figure]:
+            if column.task:
+                metrics = registry().get("task", column.task).load().metrics
+                assert column.metric in [metric.name for metric in metrics], (part.number, column.heading)
+        for run in part.runs:
+            named = {entry.name for entry in publication.runs[run].completers}
+            references = {its.name for its in registry().all("completer") if its.reference}
+            measured = named | (references if publication.runs[run].references else set())
+            assert {row.completer for row in part.rows if row.run == run} <= measured, part.number
