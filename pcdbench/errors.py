@@ -1,5 +1,12 @@
 """The exceptions whose message is meant for the user: one line that says what, where and what to do."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+
 
 class PcdbenchError(Exception):
     """Something the user can mend; the command line prints the message alone and exits with code 2."""
@@ -22,3 +29,10 @@ class Skipped(PcdbenchError):
 
 class CacheWarning(UserWarning):
     """Something that was made could not be kept for next time (a full disk); all goes on without. One line."""
+
+
+def first_problem(error: ValidationError) -> str:
+    """`where: what` of the first thing that a pydantic model found wrong."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    return f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"

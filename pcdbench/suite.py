@@ -78,13 +78,27 @@ def read_suite(path: Path) -> Suite:
     Raises:
         PcdbenchError: naming the line, where there is one, and what is wrong with it.
     """
+    text, content = read_toml(path, "suite")
     try:
-        text = path.read_text(encoding="utf-8")
-        return Suite.model_validate(tomllib.loads(text))
-    except (OSError, UnicodeDecodeError) as error:
-        raise PcdbenchError(f"{path} cannot be read ({error}); give the file of a suite") from None
+        return Suite.model_validate(content)
     except ValidationError as error:
         raise PcdbenchError(_told(path, text, error)) from None
+
+
+def read_toml(path: Path, what: str) -> tuple[str, dict[str, Any]]:
+    """The text of a TOML file, and what it holds.
+
+    Args:
+        what: the file should be, for messages.
+
+    Raises:
+        PcdbenchError: where it cannot be read or is not TOML.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+        return text, tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise PcdbenchError(f"{path} cannot be read ({error}); give the file of a {what}") from None
     # A number of 5,000 digits is a ValueError of another kind than what else is wrong.
     except (ValueError, RecursionError) as error:
         raise PcdbenchError(f"{path} is not TOML: {error}") from None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcdbench.leaderboard.summary import level_text
 
@@ -21,18 +22,21 @@ if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board, BoardMetric, Standing
 
 # Okabe and Ito (2008), for all kinds of colour vision; dashes tell the second and third round of them apart.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", "--", ":")
 _REFERENCE_DASHES = ("-", "--", "-.", ":")
 _REFERENCE_COLOR = "#8c8c8c"
 _SHARES = np.linspace(0.0, 1.0, 201)
+_SHOWN_QUANTILE = 0.98  # a few lost scans would flatten all others
 _PANEL_INCHES = (3.3, 2.6)
 _LEGEND_ROW_INCHES = 0.18
 _LEGEND_COLUMN_INCHES = 1.6
 
 
 @dataclass(frozen=True)
-class _Style:
+class Style:
+    """How a completer is drawn."""
+
     color: str
     linestyle: str
     width: float
@@ -62,9 +66,23 @@ def svg_style() -> AbstractContextManager[None]:
     return rc_context({"svg.hashsalt": "pcdbench", "svg.fonttype": "none", "font.size": 8, "axes.titlesize": 8})
 
 
+def styles_of(labels: Sequence[str], references: Collection[str]) -> dict[str, Style]:
+    """A colour and dashes for each completer, in this order but references first; references are grey."""
+    methods = [label for label in labels if label not in references]
+    found = {
+        label: Style(_REFERENCE_COLOR, _REFERENCE_DASHES[number % len(_REFERENCE_DASHES)], 1.0)
+        for number, label in enumerate(label for label in labels if label in references)
+    }
+    for number, label in enumerate(methods):
+        dashes = _DASHES[number // len(_COLORS) % len(_DASHES)]
+        found[label] = Style(_COLORS[number % len(_COLORS)], dashes, 1.4)
+    return found
+
+
 def _figures(board: Board) -> Iterator[tuple[str, str, Figure]]:
     """File name, title and figure of each."""
-    styles = _styles(board)
+    references = {its.label for its in board.completers if its.reference}
+    styles = styles_of([its.label for its in board.completers], references)
     for number, data in enumerate(board.data):
         several = len(board.data) > 1
         prefix = f"{data.dataset}_{data.split}_" if several else ""
@@ -112,7 +130,7 @@ def _samples(board: Board, data: int) -> Mapping[tuple[str, BoardMetric], Any]:
     return found
 
 
-def _by_level(main: _Main, styles: Mapping[str, _Style]) -> Figure:
+def _by_level(main: _Main, styles: Mapping[str, Style]) -> Figure:
     """A panel a task and incompleteness: the metric's own statistic and its interval, by level."""
     tasks, incompletenesses = _names(main)
     figure, axes = _panels(len(incompletenesses), len(tasks), styles)
@@ -137,30 +155,37 @@ def _by_level(main: _Main, styles: Mapping[str, _Style]) -> Figure:
     return _with_legend(figure, axes, styles)
 
 
-def _distributions(task: str, metric: BoardMetric, panels: Any, styles: Mapping[str, _Style]) -> Figure:
+def _distributions(task: str, metric: BoardMetric, panels: Any, styles: Mapping[str, Style]) -> Figure:
     """A panel an incompleteness and level: the share of samples that are at most as large, by completer."""
     incompletenesses = list(dict.fromkeys(incompleteness for incompleteness, _ in panels))
     columns = {name: [level for its, level in panels if its == name] for name in incompletenesses}
     figure, axes = _panels(len(incompletenesses), max(len(levels) for levels in columns.values()), styles)
     for (incompleteness, level), by_completer in panels.items():
         panel = axes[incompletenesses.index(incompleteness)][columns[incompleteness].index(level)]
-        for completer in (name for name in styles if name in by_completer):
-            style = styles[completer]
-            values = np.quantile(by_completer[completer], _SHARES, method="inverted_cdf")
-            panel.plot(
-                values, _SHARES, label=completer, color=style.color, ls=style.linestyle, lw=style.width,
-                drawstyle="steps-post",
-            )  # fmt: skip
-        ends = [np.quantile(samples, 0.98) for samples in by_completer.values()]
-        if metric.direction == "lower" and max(ends) > 0:
-            panel.set_xlim(0, 1.05 * max(ends))
+        draw_distributions(panel, by_completer, styles, metric.direction)
         title = f"{task} · {incompleteness}, {level_text(level)} missing\n({metric.direction} is better)"
         panel.set(title=title, xlabel=_axis_label(metric), ylim=(0, 1))
         panel.set_ylabel("share of samples")
     return _with_legend(figure, axes, styles)
 
 
-def _against_time(board: Board, main: _Main, styles: Mapping[str, _Style]) -> Figure:
+def draw_distributions(
+    panel: Axes, samples: Mapping[str, NDArray[np.float64]], styles: Mapping[str, Style], direction: str
+) -> None:
+    """Draw, for each completer, the share of its samples that are at most as large as a value."""
+    for completer in (name for name in styles if name in samples):
+        style = styles[completer]
+        values = np.quantile(samples[completer], _SHARES, method="inverted_cdf")
+        panel.plot(
+            values, _SHARES, label=completer, color=style.color, ls=style.linestyle, lw=style.width,
+            drawstyle="steps-post",
+        )  # fmt: skip
+    ends = [np.quantile(its, _SHOWN_QUANTILE) for its in samples.values()]
+    if direction == "lower" and max(ends, default=0) > 0:
+        panel.set_xlim(0, 1.05 * max(ends))
+
+
+def _against_time(board: Board, main: _Main, styles: Mapping[str, Style]) -> Figure:
     """A panel a task and incompleteness, at its middle level: the metric by the seconds of completing."""
     from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -208,25 +233,11 @@ def _by_completer(standings: Sequence[Standing]) -> Mapping[str, Sequence[Standi
     return found
 
 
-def _styles(board: Board) -> dict[str, _Style]:
-    """A colour and dashes for each completer; references are grey."""
-    references = [its.label for its in board.completers if its.reference]
-    methods = [its.label for its in board.completers if not its.reference]
-    styles = {
-        label: _Style(_REFERENCE_COLOR, _REFERENCE_DASHES[number % len(_REFERENCE_DASHES)], 1.0)
-        for number, label in enumerate(references)
-    }
-    for number, label in enumerate(methods):
-        dashes = _DASHES[number // len(COLORS) % len(_DASHES)]
-        styles[label] = _Style(COLORS[number % len(COLORS)], dashes, 1.4)
-    return styles
-
-
 def _axis_label(metric: BoardMetric) -> str:
     return f"{metric.name} ({metric.unit.split(',')[0]})"
 
 
-def _panels(rows: int, columns: int, styles: Mapping[str, _Style]) -> tuple[Figure, list[list[Axes]]]:
+def _panels(rows: int, columns: int, styles: Mapping[str, Style]) -> tuple[Figure, list[list[Axes]]]:
     """A figure with room for a legend of all completers below its panels."""
     from matplotlib.figure import Figure
 
@@ -248,7 +259,7 @@ def _legend_columns(columns: int) -> int:
     return max(2, round(columns * _PANEL_INCHES[0] / _LEGEND_COLUMN_INCHES))
 
 
-def _with_legend(figure: Figure, axes: Sequence[Sequence[Axes]], styles: Mapping[str, _Style]) -> Figure:
+def _with_legend(figure: Figure, axes: Sequence[Sequence[Axes]], styles: Mapping[str, Style]) -> Figure:
     """The figure with one legend for all panels, and without those that stayed empty."""
     handles: dict[str, Any] = {}
     for panel in (panel for row in axes for panel in row):

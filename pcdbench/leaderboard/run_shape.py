@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, ValidationError
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, first_problem
 from pcdbench.keys import canonical_json
 
 _KEY = re.compile(r"[0-9a-f]{16,64}")
@@ -105,9 +105,6 @@ def _require(model: type[BaseModel], value: Any, what: str) -> None:
         model.model_validate(value)
         canonical_json(value).encode()
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        message = first["msg"][0].lower() + first["msg"][1:]
-        raise PcdbenchError(f"{what} is not as runs have it ({where}: {message}); run it again") from None
+        raise PcdbenchError(f"{what} is not as runs have it ({first_problem(error)}); run it again") from None
     except ValueError as error:
         raise PcdbenchError(f"{what} holds what JSON cannot say ({error}); run it again") from None

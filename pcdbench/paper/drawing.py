@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from pcdbench.leaderboard.board_figures import COLORS, svg_style
+from pcdbench.leaderboard.board_figures import draw_distributions, styles_of, svg_style
 from pcdbench.paper.numbers import Numbers
 from pcdbench.paper.publication import Bars, Distribution, Drawn, ShownCurve
 
@@ -17,11 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_SHARES = np.linspace(0.0, 1.0, 201)
 _PANEL_INCHES = (3.4, 2.7)
-_REFERENCE_DASHES = ("-", "--", "-.", ":")
-_REFERENCE_COLOR = "#8c8c8c"
-_SHOWN_QUANTILE = 0.98  # distributions are cut off there: a few lost scans would flatten all others
+_OURS, _PUBLISHED = "#0072B2", "#8c8c8c"
 
 
 def write_figure(drawn: Drawn, numbers: Numbers, path: Path) -> bool:
@@ -59,15 +55,6 @@ def _with_legend(figure: Figure, panel: Axes) -> Figure:
     return figure
 
 
-def _styles(names: Iterable[str], references: set[str]) -> dict[str, tuple[str, str]]:
-    """Colour and dashes of each completer; references are grey."""
-    styles = {}
-    grey, colors = itertools.cycle(_REFERENCE_DASHES), itertools.cycle(COLORS)
-    for name in names:
-        styles[name] = (_REFERENCE_COLOR, next(grey)) if name in references else (next(colors), "-")
-    return styles
-
-
 def _distributions(drawn: Distribution, numbers: Numbers) -> Figure | None:
     of_level = {level: numbers.samples(drawn.run, drawn.task, level) for level in drawn.levels}
     if not any(of_level.values()):
@@ -76,13 +63,7 @@ def _distributions(drawn: Distribution, numbers: Numbers) -> Figure | None:
     metric, unit, direction = numbers.metric(drawn.run, drawn.task)
     for panel, (level, samples) in zip(panels, of_level.items(), strict=True):
         shown = {name: its for name, its in samples.items() if not drawn.completers or name in drawn.completers}
-        styles = _styles(shown, numbers.references(drawn.run))
-        for name, its in shown.items():
-            color, dashes = styles[name]
-            values = np.quantile(its, _SHARES, method="inverted_cdf")
-            panel.plot(values, _SHARES, label=name, color=color, ls=dashes, lw=1.4, drawstyle="steps-post")
-        if direction == "lower" and shown:
-            panel.set_xlim(0, 1.05 * max(np.quantile(its, _SHOWN_QUANTILE) for its in shown.values()))
+        draw_distributions(panel, shown, styles_of(list(shown), numbers.references(drawn.run)), direction)
         panel.set(title=f"{level:.0%} missing", xlabel=f"{metric} ({unit.split(',')[0]})", ylim=(0, 1))
         panel.ticklabel_format(axis="x", scilimits=(-2, 4))
     panels[0].set_ylabel("share of samples")
@@ -100,14 +81,12 @@ def _curve(drawn: ShownCurve, numbers: Numbers) -> Figure | None:
     values = np.array([its.value for _, its in ours])
     margins = np.array([[its.value - its.low, its.high - its.value] for _, its in ours]).T
     panel.errorbar(
-        [at for at, _ in ours], values, np.maximum(np.nan_to_num(margins), 0), label="ours", color=COLORS[0],
+        [at for at, _ in ours], values, np.maximum(np.nan_to_num(margins), 0), label="ours", color=_OURS,
         marker="o", ms=4, capsize=2, lw=1.4,
     )  # fmt: skip
     published = [(point.at, point.published) for point in drawn.points if not np.isnan(point.published)]
     if published:
-        panel.plot(
-            *zip(*published, strict=True), label="published", color=_REFERENCE_COLOR, ls="none", marker="D", ms=4
-        )
+        panel.plot(*zip(*published, strict=True), label="published", color=_PUBLISHED, ls="none", marker="D", ms=4)
     panel.set(xlabel=drawn.label, ylabel=drawn.column.heading, ylim=(0, None))
     panel.set_xticks([point.at for point in drawn.points])
     return _with_legend(figure, panel)
@@ -116,7 +95,7 @@ def _curve(drawn: ShownCurve, numbers: Numbers) -> Figure | None:
 def _bars(drawn: Bars, numbers: Numbers) -> Figure | None:
     figure, (panel,) = _panels(1)
     width = 0.8 / len(drawn.completers)
-    styles, measured = _styles(drawn.completers, numbers.references(drawn.run)), False
+    styles, measured = styles_of(drawn.completers, numbers.references(drawn.run)), False
     for number, completer in enumerate(drawn.completers):
         for position, level in enumerate(drawn.levels):
             at = position + (number - (len(drawn.completers) - 1) / 2) * width
@@ -124,9 +103,10 @@ def _bars(drawn: Bars, numbers: Numbers) -> Figure | None:
             if its is not None:
                 measured = True
                 margin = np.maximum(np.nan_to_num([[its.value - its.low], [its.high - its.value]]), 0)
-                color = styles[completer][0]
                 label = completer if position == 0 else None
-                panel.bar(at, its.value, width * 0.9, yerr=margin, color=color, label=label, capsize=2)
+                panel.bar(
+                    at, its.value, width * 0.9, yerr=margin, color=styles[completer].color, label=label, capsize=2
+                )
             for bar in drawn.published:
                 if (bar.completer, bar.level) == (completer, level):
                     first = not any(text == "published" for text in panel.get_legend_handles_labels()[1])

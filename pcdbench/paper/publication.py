@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
@@ -11,8 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
-from pcdbench.errors import PcdbenchError
-from pcdbench.suite import Suite
+from pcdbench.errors import PcdbenchError, first_problem
+from pcdbench.suite import Suite, read_toml
 
 FILE = "publication.toml"
 COSTS = ("seconds", "memory_mb", "parameters_mb")
@@ -171,16 +170,9 @@ def read_publication(place: str) -> Publication:
     """
     path = Path(place) if place.endswith(".toml") else _of_completer(place)
     try:
-        text = path.read_text(encoding="utf-8")
-        publication = Publication.model_validate(tomllib.loads(text))
-    except (OSError, UnicodeDecodeError) as error:
-        raise PcdbenchError(f"{path} cannot be read ({error}); give the file of a publication") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PcdbenchError(f"{path} is not TOML: {error}") from None
+        publication = Publication.model_validate(read_toml(path, "publication")[1])
     except ValidationError as error:
-        problem = error.errors()[0]
-        where = ".".join(str(part) for part in problem["loc"])
-        raise PcdbenchError(f"{path}: {where}: {problem['msg'][0].lower()}{problem['msg'][1:]}") from None
+        raise PcdbenchError(f"{path}: {first_problem(error)}") from None
     _require_sound(publication, path)
     return publication
 
