@@ -198,7 +198,11 @@ def _differences(held: Any, wanted: Any, where: str = "") -> list[str]:
             for key in {**held, **wanted}
             for difference in _differences(held.get(key), wanted.get(key), f"{where}.{key}" if where else key)
         ]
-    if isinstance(held, list) and isinstance(wanted, list) and all(isinstance(its, dict) for its in held + wanted):
+    if (
+        isinstance(held, list)
+        and isinstance(wanted, list)
+        and all(isinstance(its, dict) and "name" in its for its in held + wanted)
+    ):
         return _differences({its["name"]: its for its in held}, {its["name"]: its for its in wanted}, where)
     if json.dumps(held) == json.dumps(wanted):
         return []

@@ -88,6 +88,16 @@ def test_another_run_is_not_mixed_in_and_the_difference_is_named(tmp_path, chang
         assert store.rows().finished_keys == {"a"}
 
 
+def test_another_run_of_a_completer_with_a_model_card_is_told_too(tmp_path):
+    def completer(hours: float) -> dict:
+        return {"completers": [{"name": "learned", "card": {"curve": [{"step": 1, "hours": hours}]}}]}
+
+    with RunStore(tmp_path, completer(1.0), {}):
+        pass
+    with pytest.raises(PcdbenchError, match=r"holds another run \(completers\.learned\.card\.curve: "):
+        RunStore(tmp_path, completer(2.0), {}).__enter__()
+
+
 def test_what_is_no_run_is_said(tmp_path):
     with pytest.raises(PcdbenchError, match="is not a run"):
         read_run(tmp_path)
