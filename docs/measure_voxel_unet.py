@@ -26,8 +26,8 @@ from pcdbench.case import Case, make_case
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
-from pcdbench.geometry.chamfer import CloudDistances
 from pcdbench.incompletenesses.holes import Holes
+from pcdbench.training.validation import capped_chd
 
 IMAGES = Path(__file__).parent / "images"
 THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
@@ -42,10 +42,6 @@ def cases(dataset: Dataset, names: list[str], level: float) -> list[Case]:
     return [make_case(scene, "holes", Holes(), level, 1) for scene in scenes if len(scene.complete) >= MIN_POINTS]
 
 
-def capped(points: NDArray[np.float64], most: int) -> NDArray[np.float64]:
-    return points if len(points) <= most else np.random.default_rng(0).permutation(points)[:most]
-
-
 def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np.float64]]:
     """By threshold, (3 levels, 3): medians of ChD over doing nothing, precision and recall of what is missing."""
     table = {}
@@ -58,8 +54,8 @@ def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np
                 complete, given = case.scene.complete.points, case.cloud.points
                 completed = completer.complete(case.cloud, np.random.default_rng(0)).points
                 added, missing = completed[len(given) :], complete[~case.kept]
-                floor = CloudDistances.between(given, complete).chamfer()
-                ratio = CloudDistances.between(capped(completed, len(complete)), complete).chamfer() / floor
+                floor = capped_chd(given, complete)
+                ratio = capped_chd(completed, complete) / floor
                 near_m = 1.5 * surface_spacing(complete)
                 right = cKDTree(case.scene.dense.points).query(added)[0] < near_m if len(added) else np.ones(1)
                 found = cKDTree(completed).query(missing)[0] < near_m

@@ -24,12 +24,12 @@ from pcdbench.case import make_case
 from pcdbench.completer import Completer
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
-from pcdbench.geometry.chamfer import CloudDistances
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.scene import Scene
 from pcdbench.training.augment import Recipe, natural_gaps
 from pcdbench.training.loop import Budget, train
 from pcdbench.training.stream import PairStream
+from pcdbench.training.validation import capped_chd
 from pcdbench.weights import Weights
 
 LEVELS = (0.1, 0.3, 0.5)
@@ -103,12 +103,6 @@ def real(folder: Path) -> Iterator[Scene]:
     yield from (scene for scene in scenes if len(scene.complete) >= MIN_POINTS)
 
 
-def chd(points: np.ndarray, complete: np.ndarray) -> float:
-    if len(points) > len(complete):
-        points = np.random.default_rng(0).permutation(points)[: len(complete)]
-    return CloudDistances.between(points, complete).chamfer()
-
-
 def ratios(completer: Completer, scenes: Sequence[Scene]) -> list[float]:
     """At each level, the median ChD over that of doing nothing."""
     found = []
@@ -117,7 +111,7 @@ def ratios(completer: Completer, scenes: Sequence[Scene]) -> list[float]:
         for scene in scenes:
             cloud, complete = make_case(scene, "holes", Holes(), level, 1).cloud, scene.complete.points
             completed = completer.complete(cloud, np.random.default_rng(0))
-            measured.append((chd(completed.points, complete), chd(cloud.points, complete)))
+            measured.append((capped_chd(completed.points, complete), capped_chd(cloud.points, complete)))
         ours, nothing = np.median(measured, axis=0)
         found.append(ours / nothing)
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pcdbench.case import Case, make_case
 from pcdbench.completer import Completer
@@ -21,19 +22,19 @@ class Validation:
         dataset = Indoor()
         names = dataset.scene_names("val")[:scenes]
         self._cases = [make_case(dataset.scene(name), "holes", Holes(), LEVEL, seed=1) for name in names]
-        self._floor = [_chd(case, case.cloud.points) for case in self._cases]
+        self._floor = [capped_chd(case.cloud.points, case.scene.complete.points) for case in self._cases]
 
     def __call__(self, completer: Completer) -> float:
         ratios = [
-            _chd(case, completer.complete(case.cloud, np.random.default_rng(0)).points) / floor
+            capped_chd(completer.complete(case.cloud, np.random.default_rng(0)).points, case.scene.complete.points)
+            / floor
             for case, floor in zip(self._cases, self._floor, strict=True)
         ]
         return float(np.median(ratios))
 
 
-def _chd(case: Case, points: np.ndarray) -> float:
-    """ChD after the density cap that the task `chamfer` has."""
-    complete = case.scene.complete.points
+def capped_chd(points: NDArray[np.float64], complete: NDArray[np.float64]) -> float:
+    """ChD of (N, 3) completed and (M, 3) complete points, after the density cap that the task `chamfer` has."""
     if len(points) > len(complete):
         points = np.random.default_rng(0).permutation(points)[: len(complete)]
     return CloudDistances.between(points, complete).chamfer()
