@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pcdbench.case import Case, make_case
+from pcdbench.case import make_case
 from pcdbench.completer import Completer
 from pcdbench.geometry.chamfer import CloudDistances
 from pcdbench.incompletenesses.holes import Holes
