@@ -134,15 +134,21 @@ def draw(table: dict[float, NDArray], diagrams: dict[str, tuple[NDArray, NDArray
     figure.savefig(IMAGES / "voxel_unet_confidence.png", dpi=130)
 
 
-def main(rooms: str = "12", folder: str = "") -> None:
+def main(count: str = "12", folder: str = "") -> None:
     data = Indoor()
-    names = list(data.scene_names("val"))[: int(rooms)]
+    names = list(data.scene_names("val"))[: int(count)]
     print("| threshold | ChD over doing nothing at 10 / 30 / 50 % | accuracy | completeness |\n|---|---|---|---|")
     table = threshold_table({level: cases(data, names, level) for level in LEVELS})
-    diagrams = {"generated rooms": reliability(cases(data, names, 0.3))}
+    rooms: dict[str, tuple[Dataset, list[str]]] = {"generated rooms": (data, names)}
     if folder:
         scans = Clouds(Path(folder))
-        diagrams["real rooms"] = reliability(cases(scans, list(scans.scene_names(scans.default_split)), 0.3))
+        rooms["real rooms"] = scans, list(scans.scene_names(scans.default_split))
+    diagrams = {}
+    for name, (dataset, scenes) in rooms.items():
+        by_level = {level: cases(dataset, scenes, level) for level in LEVELS}
+        diagrams[name] = reliability([case for measured in by_level.values() for case in measured])
+        for level, measured in by_level.items():
+            print(f"{name}, {level:.0%} missing: expected calibration error {reliability(measured)[3]:.3f}")
     for name, (probability, share, count, error) in diagrams.items():
         print(f"\n{name}: expected calibration error {error:.3f}\n")
         print("| predicted | with surface | sub-voxels |\n|---|---|---|")

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.spatial import cKDTree
 
 import pcdbench
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
@@ -27,6 +27,7 @@ FEWEST_POINTS = 30  # fewer say nothing about a surface: they are returned as th
 NEIGHBORS = 10
 JITTERS = 4  # candidates a sub-voxel: what blue noise chooses from
 UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was observed
+COLOR_REACH = 16.0  # spacings over which the nearest observed color fades into the network's, e-fold
 # Darts keep apart by the square root of this, in spacings: with so many candidates a floor gets its own density back
 # (measured: within 3 %). With more candidates darts could keep farther apart, at more cost.
 DISK_AREAS = 0.44
@@ -40,7 +41,7 @@ class VoxelUNetCompleter(LearnedCompleter):
     """
 
     class Options(pcdbench.Options):
-        threshold: float = Field(0.5, gt=0, lt=1, description="probability above which surface is added")
+        threshold: float = Field(0.3, gt=0, lt=1, description="probability above which surface is added")
         weights: str = Field(
             "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
         )
@@ -90,12 +91,17 @@ def surface_points(
     Returns:
         The M added points, and the (M,) probability of the sub-voxels they came from.
     """
-    away, _ = cKDTree(cloud.points).query(
-        found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count()
-    )
+    observed = loose_tree(cloud.points)
+    away, _ = observed.query(found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count())
     found = found.select(np.isinf(away))
     added, source = spread_evenly(
         found.points, cloud.points, spacing_m, float(np.sqrt(DISK_AREAS)), rng, neighbors=NEIGHBORS, jitters=JITTERS
     )
-    colors = None if cloud.colors is None else found.colors[source]
+    if cloud.colors is None:
+        return pcdbench.PointCloud(added), found.probability[source]
+    # The network's colors are means of what may be there; near observed surface its own color, texture and all, is
+    # the better guess (on `val` its error is half as large at 10 % missing, and a fifth smaller at 50 %).
+    distances, rows = observed.query(added, workers=thread_count())
+    own = np.exp(-distances / (COLOR_REACH * spacing_m)).astype(np.float32)[:, None]
+    colors = own * cloud.colors[rows] + (1 - own) * found.colors[source]
     return pcdbench.PointCloud(added, colors), found.probability[source]

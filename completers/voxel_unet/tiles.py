@@ -83,7 +83,9 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor]:
 
     Where a surface is certain but not how deep it lies, its occupancy is spread over a few sub-voxels, none of which
     is likely by itself. So occupancies are added up over a sub-voxel and its two neighbours along an axis, the axis
-    on which they add up to most; and of the three the likeliest is where the surface is put.
+    on which they add up to most; and of the three the likeliest is where the surface is put. The sum is how many of
+    the three are expected to be occupied, more than one where surface is slanted; that there is one at all has the
+    probability 1 - exp(-sum), as for a Poisson process.
 
     Args:
         occupancy: (X, Y, Z) of the sub-voxels.
@@ -95,7 +97,7 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor]:
     from torch.nn import functional as F
 
     padded = F.pad(occupancy, (1,) * 6)
-    probability, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
+    expected, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
     inner = slice(1, -1)
     for axis in range(3):
         before, after = (
@@ -103,10 +105,10 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor]:
             for beside in (slice(None, -2), slice(2, None))
         )
         together = occupancy + before + after
-        more = together > probability
+        more = together > expected
         ridge = torch.where(more, occupancy >= torch.maximum(before, after), ridge)
-        probability = torch.where(more, together, probability)
-    return probability.clamp(max=1.0), ridge
+        expected = torch.where(more, together, expected)
+    return -torch.expm1(-expected), ridge
 
 
 def _rows_by_block(points: NDArray[np.float64], grid: Grid) -> dict[tuple[int, ...], NDArray[np.int64]]:

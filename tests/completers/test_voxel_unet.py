@@ -171,6 +171,36 @@ def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> N
     assert (confidence == np.float32(0.9)).all()
 
 
+def test_surface_is_where_three_in_a_row_add_up_to_most() -> None:
+    occupancy = torch.from_numpy(np.random.default_rng(0).uniform(size=(4, 5, 6)).astype(np.float32)) ** 4
+    probability, ridge = tiles.surface(occupancy)
+    padded = np.pad(occupancy.numpy(), 1)
+    for cell in np.ndindex(4, 5, 6):
+        rows = []
+        for axis in range(3):
+            step = np.eye(3, dtype=int)[axis]
+            rows.append([padded[tuple(np.array(cell) + 1 + k * step)] for k in (-1, 0, 1)])
+        before, here, after = rows[int(np.argmax(np.sum(rows, axis=1)))]
+        assert float(probability[cell]) == pytest.approx(1 - np.exp(-(before + here + after)), abs=1e-6)
+        assert bool(ridge[cell]) == (here >= max(before, after))
+
+
+def test_colours_are_those_of_observed_surface_beside_it_and_the_networks_far_off() -> None:
+    axis = np.arange(-2.0, 6.0, 0.05)
+    cloud = PointCloud(np.stack([*np.meshgrid(axis, axis), np.zeros((160, 160))], axis=-1).reshape(-1, 3))
+    cloud = cloud.select(cloud.points[:, 0] < 0)
+    red = np.broadcast_to(np.float32((1, 0, 0)), cloud.points.shape)
+    places = np.stack([*np.meshgrid(axis, axis), np.zeros((160, 160))], axis=-1).reshape(-1, 3)
+    places = places[places[:, 0] > 0.05]
+    gray = np.full((len(places), 3), 0.5, np.float32)
+    found = Prediction(places, np.full(len(places), 0.9, np.float32), gray)
+    added, _ = surface_points(PointCloud(cloud.points, red), found, 0.05, np.random.default_rng(0))
+    assert added.colors is not None
+    beside, beyond = added.points[:, 0] < 0.1, added.points[:, 0] > 5.0
+    assert added.colors[beside, 0].mean() > 0.9 > 0.2 > added.colors[beside, 1].mean()
+    assert np.allclose(added.colors[beyond], 0.5, atol=0.01)
+
+
 @trained
 def test_it_fills_the_hole_in_a_floor_and_keeps_every_point() -> None:
     complete = room(9000)
