@@ -26,7 +26,7 @@ def register_completers(register: Register) -> None:
         "a 3D U-Net over voxels: surface where nobody looked",
         weights=[_HERE / "voxel_unet" / "weights.safetensors"],
     )
-    deeppcd = [_HERE / "deeppcd" / f"{part}.safetensors" for part in ("weights", "color")]
+    deeppcd = [_HERE / "deeppcd" / "weights.safetensors"]
     register(
         "deeppcd",
         f"{here}.deeppcd.completer:DeepPCD",

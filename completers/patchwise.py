@@ -33,7 +33,7 @@ class PatchwiseOptions(pcdbench.Options):
         False, description="keep every observed point, and the network's only where nothing was observed"
     )
     clearance_spacings: float = Field(
-        2.0, gt=0, description="with keep_observed: this far from any observed point nothing was observed"
+        3.0, gt=0, description="with keep_observed: this far from any observed point nothing was observed"
     )
     weights: str = Field(
         "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 import pcdbench
 from pcdbench.geometry.neighbors import nearest
@@ -31,17 +31,24 @@ class DeepPCDOptions(PatchwiseOptions):
 
     plane_points: Literal[256, 512, 1024, 2048] = Field(1024, description="plane points of a patch")
     generator: bool = Field(True, description="turn plane points by the generator; else one fixed grid a patch")
-    color: Literal["network", "nearest"] = Field(
-        "network", description="where nothing was observed: the colour network's colour, or the nearest observed one"
+    color: Literal["nearest", "network"] = Field(
+        "nearest",
+        description="where nothing was observed: the nearest observed colour, or the colour network's (needs weights)",
     )
-    color_weights: str = Field("", description="likewise for the colour network")
+    color_weights: str = Field("", description="likewise for the colour network, with color=network")
+
+    @model_validator(mode="after")
+    def _weights_are_used(self) -> Self:
+        if self.color_weights and self.color != "network":
+            raise ValueError("color_weights are of the colour network; add color=network")
+        return self
 
 
 class DeepPCD(PatchwiseCompleter):
     """DeepPCD: patches related by a transformer, plane points moved to the surface; the network's own cloud.
 
     All points are the network's, observed surface too, as published. A cloud with colour is coloured: where something
-    was observed by what was observed there, elsewhere by the colour network.
+    was observed by what was observed there; elsewhere by the nearest observed colour, or by the colour network.
     """
 
     Options: ClassVar[type[pcdbench.Options]] = DeepPCDOptions

@@ -16,7 +16,7 @@ FEATURE = 768
 POINT_FEATURE = 384
 LONGEST_WAVE = 1e4  # times the shortest, which is 2 pi cells
 GRID_SIDE = 4  # points along a side of the planar grid
-GRID_HALF_WIDTH = 0.05  # of the patch
+GRID_HALF_WIDTH = 0.1  # of the patch: seeds are about an eighth apart, so planes reach into holes
 TOGETHER = 2  # patches
 
 

@@ -15,6 +15,7 @@ from pcdbench_completers.foldingnet.network import FoldingNetNetwork
 from pcdbench_completers.patchwise import PatchwiseOptions, merged
 from pcdbench_completers.pcn.completer import PCN
 from pcdbench_completers.pcn.network import PCNNetwork
+from pydantic import ValidationError
 from safetensors.torch import save_file
 from typer.testing import CliRunner
 
@@ -139,7 +140,8 @@ def saved(folder, **modules):
 def test_weights_of_ones_own(tmp_path, networks, room):
     torch.manual_seed(0)
     files = saved(tmp_path, geometry=networks["geometry"], color=ColorNetwork())
-    options = {"grid": 2, "plane_points": 256, "weights": str(files["geometry"]), "color_weights": str(files["color"])}
+    alone = {"grid": 2, "plane_points": 256, "weights": str(files["geometry"])}
+    options = alone | {"color": "network", "color_weights": str(files["color"])}
     loaded = DeepPCD(DeepPCDOptions(**options))
     assert len(loaded.weights_digest()) == 64
     again = DeepPCDMerged(DeepPCDMergedOptions(**options))
@@ -147,8 +149,13 @@ def test_weights_of_ones_own(tmp_path, networks, room):
     one = loaded.complete(room.without_colors(), rng())
     other = DeepPCD(DeepPCDOptions(grid=2, plane_points=256), networks["geometry"], networks["painting"])
     assert np.abs(one.points - other.complete(room.without_colors(), rng()).points).max() < 0.02  # float16
-    geometry_alone = DeepPCD(DeepPCDOptions(**options | {"color": "nearest"}))
+    geometry_alone = DeepPCD(DeepPCDOptions(**alone))
     assert geometry_alone.weights_digest() != loaded.weights_digest()
+
+
+def test_weights_of_a_colour_network_that_is_not_asked_for_are_told():
+    with pytest.raises(ValidationError, match="add color=network"):
+        DeepPCDOptions(color_weights="color.safetensors")
 
 
 def test_weights_of_another_network_are_one_line(tmp_path, networks):
@@ -198,7 +205,7 @@ def test_a_run_tells_what_it_leaves_out_in_one_line_for_all_without_weights(monk
 def test_missing_weights_of_a_part_name_the_options_they_are_given_by(monkeypatch, tmp_path, networks):
     monkeypatch.setattr(deeppcd, "SHIPPED_COLOR", tmp_path / "color.safetensors")
     with pytest.raises(PcdbenchError, match=r"train deeppcd\.color .*--option deeppcd\.color_weights=DIR"):
-        DeepPCD(network=networks["geometry"])
+        DeepPCD(DeepPCDOptions(color="network"), networks["geometry"])
 
 
 @pytest.mark.parametrize("completer", [DeepPCD, DeepPCDMerged, PCN, FoldingNet])
