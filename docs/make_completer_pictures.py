@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from pcdbench.case import make_case
 from pcdbench.datasets.clouds import Clouds
@@ -21,6 +22,7 @@ from pcdbench.plugins import registry
 COMPLETERS = ("deeppcd", "deeppcd_merged", "pcn", "foldingnet", "plane_fitting", "hole_filling", "voxel_unet")
 GENERATED = {"hall": "env002_crop0", "office": "env001_crop0"}
 LEVEL = 0.3
+WIDTH = 2000  # pixels
 
 
 def main(folder: str = "") -> None:
@@ -37,6 +39,9 @@ def main(folder: str = "") -> None:
             clouds.append((completer, made.complete(case.cloud, np.random.default_rng(0))))
         path = Path(__file__).parent / "images" / f"completers_{name}.png"
         write_picture(path, clouds, f"{scene.name}: {LEVEL:.0%} missing", scene.complete)
+        with Image.open(path) as picture:
+            small = picture.convert("RGB").resize((WIDTH, round(WIDTH * picture.height / picture.width)))
+        small.quantize(128).save(path, optimize=True)
         print(path)
 
 

@@ -30,7 +30,7 @@ from pcdbench.incompletenesses.holes import Holes
 from pcdbench.training.validation import capped_chd
 
 IMAGES = Path(__file__).parent / "images"
-THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
+THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4)
 LEVELS = (0.1, 0.3, 0.5)
 BINS = 10
 LOWEST = 0.05  # what is less likely than this is empty space far from anything, and perfectly predicted

@@ -210,7 +210,7 @@ def test_the_planar_grid_is_turned_and_placed():
     points = torch.tensor([[[0.5, 0.5, 0.5]]])
     placed = plane_points(points, turn[None, None])[0] - 0.5
     assert placed.shape == (16, 3) and placed[:, 0].abs().max() == 0
-    assert placed[:, 1:].min() == pytest.approx(-0.05) and placed[:, 1:].max() == pytest.approx(0.05)
+    assert placed[:, 1:].min() == pytest.approx(-0.1) and placed[:, 1:].max() == pytest.approx(0.1)
     assert len(torch.unique(placed, dim=0)) == 16
 
 
