@@ -67,8 +67,8 @@ def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np
     return table
 
 
-def reliability(measured: list[Case]) -> tuple[NDArray, NDArray, NDArray, float]:
-    """By bin: mean probability, share with surface, count; and the expected calibration error.
+def reliability(measured: list[Case]) -> NDArray[np.float64]:
+    """(3, BINS): by bin of probability, the sum of probabilities, the number with surface and the number.
 
     Of the likeliest of three sub-voxels where nothing was observed; there is surface if the true one passes through it
     or through a neighbour.
@@ -89,9 +89,18 @@ def reliability(measured: list[Case]) -> tuple[NDArray, NDArray, NDArray, float]
         hit = near.reshape(-1)[grid.cells(found.points, per_edge=2)[0]]
         which = np.minimum((found.probability * BINS).astype(int), BINS - 1)
         sums += [np.bincount(which, weight, BINS) for weight in (found.probability, hit, np.ones(len(hit)))]
-    count = np.maximum(sums[2], 1)
-    error = float(np.sum(np.abs(sums[0] - sums[1])) / sums[2].sum())
-    return sums[0] / count, sums[1] / count, sums[2], error
+    return sums
+
+
+def calibration_error(sums: NDArray[np.float64]) -> float:
+    """The expected calibration error of what `reliability` found."""
+    return float(np.sum(np.abs(sums[0] - sums[1])) / sums[2].sum())
+
+
+def means(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, B) of the bins that hold anything: mean probability, share with surface, number."""
+    probability, hits, count = sums[:, sums[2] > 0]
+    return np.stack([probability / count, hits / count, count])
 
 
 def cost_table(complete: PointCloud) -> None:
@@ -108,7 +117,7 @@ def cost_table(complete: PointCloud) -> None:
         print(f"| {len(cloud)} | {np.median(seconds[1:]):.3f} | {min(seconds[1:]):.3f} to {max(seconds[1:]):.3f} |")
 
 
-def draw(table: dict[float, NDArray], diagrams: dict[str, tuple[NDArray, NDArray, NDArray, float]]) -> None:
+def draw(table: dict[float, NDArray], diagrams: dict[str, NDArray[np.float64]]) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.6), layout="constrained")
@@ -126,9 +135,9 @@ def draw(table: dict[float, NDArray], diagrams: dict[str, tuple[NDArray, NDArray
     )
     left.legend(frameon=False)
     right.plot([0, 1], [0, 1], color="gray", linewidth=0.8)
-    for name, (probability, share, count, error) in diagrams.items():
-        used = count > 0
-        right.plot(probability[used], share[used], "o-", ms=3, label=f"{name} (error {error:.3f})")
+    for name, sums in diagrams.items():
+        probability, share, _ = means(sums)
+        right.plot(probability, share, "o-", ms=3, label=f"{name} (error {calibration_error(sums):.3f})")
     right.set(xlabel="predicted probability of surface", ylabel="share with surface")
     right.legend(frameon=False)
     figure.savefig(IMAGES / "voxel_unet_confidence.png", dpi=130)
@@ -145,14 +154,14 @@ def main(count: str = "12", folder: str = "") -> None:
         rooms["real rooms"] = scans, list(scans.scene_names(scans.default_split))
     diagrams = {}
     for name, (dataset, scenes) in rooms.items():
-        by_level = {level: cases(dataset, scenes, level) for level in LEVELS}
-        diagrams[name] = reliability([case for measured in by_level.values() for case in measured])
-        for level, measured in by_level.items():
-            print(f"{name}, {level:.0%} missing: expected calibration error {reliability(measured)[3]:.3f}")
-    for name, (probability, share, count, error) in diagrams.items():
-        print(f"\n{name}: expected calibration error {error:.3f}\n")
+        by_level = {level: reliability(cases(dataset, scenes, level)) for level in LEVELS}
+        for level, sums in by_level.items():
+            print(f"{name}, {level:.0%} missing: expected calibration error {calibration_error(sums):.3f}")
+        diagrams[name] = np.sum(list(by_level.values()), axis=0)
+    for name, sums in diagrams.items():
+        print(f"\n{name}: expected calibration error {calibration_error(sums):.3f}\n")
         print("| predicted | with surface | sub-voxels |\n|---|---|---|")
-        for line in zip(probability, share, count, strict=True):
+        for line in means(sums).T:
             print("| {:.2f} | {:.2f} | {:.0f} |".format(*line))
     print("\n| points | seconds | of five |\n|---|---|---|")
     cost_table(data.scene(names[0]).dense)
