@@ -3,7 +3,8 @@
 # Both need Python (3.11 or newer), git and make; set-up is done once, in .venv.
 PYTHON ?= python3
 BIN := .venv/bin
-PIP := $(BIN)/python -m pip install -qq --no-build-isolation -c constraints.txt
+# Compiling all that is installed takes longer than installing it; what is imported compiles itself.
+PIP := $(BIN)/python -m pip install -qq --no-compile --no-build-isolation -c constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 .PHONY: demo test lint
@@ -20,7 +21,7 @@ lint: .venv/installed-dev
 	$(BIN)/mypy
 
 .venv/installed: pyproject.toml constraints.txt
-	@echo "Setting up .venv (once; about two minutes)"
+	@echo "Setting up .venv (once; a minute or two)"
 	$(PYTHON) -m venv .venv
 	$(PIP) setuptools
 	$(PIP) -e .

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import os
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +22,7 @@ class Cost:
     Attributes:
         seconds: wall-clock time.
         peak_memory_mb: the peak of the process's resident memory inside the block, less what it was at its
-            start (1 MB = 10^6 bytes); None where the system cannot tell (Linux can).
+            start, freed memory not counted (1 MB = 10^6 bytes); None where the system cannot tell (Linux can).
     """
 
     seconds: float = 0.0
@@ -57,12 +60,30 @@ def resident_bytes(pid: int) -> int:
 
 def _reset_peak() -> int | None:
     """Set the recorded peak to what is resident now, and return that (kB); None where neither is possible."""
+    # What earlier work freed stays resident, and a block that took it again would seem to need nothing.
+    _trim_heap()
     try:
         with open(_CLEAR, "w") as clear:
             clear.write("5")
         return _status_kb("VmRSS")
     except OSError:
         return None
+
+
+@functools.cache
+def _malloc_trim() -> Callable[[int], int] | None:
+    """The C library's own, where it has one (glibc has)."""
+    try:
+        return ctypes.CDLL(None).malloc_trim
+    except (AttributeError, OSError, TypeError):
+        return None
+
+
+def _trim_heap() -> None:
+    """Give freed memory back to the system."""
+    trim = _malloc_trim()
+    if trim is not None:
+        trim(0)
 
 
 def _status_kb(field: str) -> int:

@@ -148,3 +148,18 @@ def test_memory_is_what_the_block_added():
     if large.peak_memory_mb is None:
         pytest.skip("this system does not tell peaks of memory")
     assert 150 < large.peak_memory_mb < 250 and small.peak_memory_mb < 20
+
+
+def test_memory_that_was_freed_before_counts_again():
+    from pcdbench.runner.measuring import Cost
+
+    def many_blocks():
+        return [bytearray(50_000) for _ in range(1000)]  # from the heap, which keeps what is freed
+
+    before, pin = many_blocks(), bytearray(50_000)
+    del before
+    with Cost() as cost:
+        many_blocks()
+    if cost.peak_memory_mb is None:
+        pytest.skip("this system does not tell peaks of memory")
+    assert 40 < cost.peak_memory_mb < 70 and pin
