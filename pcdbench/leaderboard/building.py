@@ -28,6 +28,7 @@ from pcdbench.leaderboard.ranks import Ranking, Tried, ranking
 from pcdbench.leaderboard.saw_test import seen_in_training
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.leaderboard.summary import summarize
+from pcdbench.runner.rows import cost_measured
 
 KEY_DIGITS = 16
 _FACTS = ("time", "git", "machine", "packages", "workers")
@@ -215,12 +216,13 @@ def _run(run: RunRows) -> BoardRun:
 
 
 def _cell(case: int, label: str, merged: Sequence[MergedRow]) -> BoardCell:
-    costs = next((one.row["completing"] for one in merged if one.row.get("completing")), None) or {}
+    measured = max(merged, key=lambda one: cost_measured(one.row))
+    costs = measured.row.get("completing") or {}
     return BoardCell(
         case=case,
         completer=label,
         key=merged[0].row["cell"][:KEY_DIGITS],
-        run=merged[0].run,
+        run=measured.run,
         seconds=costs.get("seconds"),
         memory_mb=costs.get("peak_memory_mb"),
         results={

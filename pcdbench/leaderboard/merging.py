@@ -14,6 +14,7 @@ from pcdbench.keys import canonical_json
 from pcdbench.leaderboard.run_shape import require_sound_facts, require_sound_keys, require_sound_plugin
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.runner.row_shape import require_sound_rows
+from pcdbench.runner.rows import cost_measured
 from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
 
 # Machines round differently; what they measure of one key differs by less than this share of the value.
@@ -117,7 +118,7 @@ def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
                     f"{runs[other.run].folder} and {run.folder} do not agree on {place}: {told} "
                     f"(key {row['key'][:16]}); leave one of them out, or find out which is right and run it again"
                 )
-            merged[key] = min(other, one, key=_precedence)
+            merged[key] = max(other, one, key=_precedence)
     return [merged[key] for key in sorted(merged)]
 
 
@@ -202,7 +203,7 @@ def _outcome(row: Mapping[str, Any]) -> str:
     return "failed" if row["status"] == "timeout" else row["status"]
 
 
-def _precedence(merged: MergedRow) -> str:
-    """What decides, of two rows that agree, in whatever order they came."""
+def _precedence(merged: MergedRow) -> tuple[tuple[bool, str], str]:
+    """What decides, of two rows that agree, in whatever order they came: the newest has the costs of today."""
     row = merged.row
-    return canonical_json([row.get("time") or "", row.get("host") or "", row["metrics"], row.get("completing")])
+    return cost_measured(row), canonical_json([row.get("host") or "", row["metrics"], row.get("completing")])

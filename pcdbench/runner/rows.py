@@ -52,6 +52,12 @@ def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
     }
 
 
+def cost_measured(row: Mapping[str, Any]) -> tuple[bool, str]:
+    """When what completing cost was measured, to be compared: a completion from the cache measured nothing anew."""
+    cost = row.get("completing") or {"cached": True}
+    return not cost.get("cached"), str(row.get("time") or "")
+
+
 def base_row(dataset: Plugin, cell: Cell, threads: int | None = None) -> Row:
     """What all rows of a cell say before anything is measured; `threads` is this process's share unless given."""
     return {

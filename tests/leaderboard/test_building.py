@@ -9,6 +9,7 @@ from runs_for_tests import full_row, store_run
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board_file import board_json
 from pcdbench.leaderboard.building import board_of_runs
+from pcdbench.leaderboard.summary import summarize
 
 SCENES = [f"room{number}" for number in range(7)]
 
@@ -36,7 +37,26 @@ def test_runs_merge_to_the_same_board_in_any_order(tmp_path):
     assert board_json(board_of_runs("b", [folders[0], folders[0], *folders])) == texts.pop()
     assert [(its.completer, its.cases, its.rank) for its in board.standings] == [("incomplete", 7, None), ("a", 7, 1)]
     (cell,) = [its for its in board.cells if its.completer == "a" and board.cases[its.case].scene == "room2"]
-    assert cell.results["task"].samples == (3.0, 3.5) and cell.results["task"].values == {"error_m": 3.25}
+    assert cell.results["task"].samples == (3.00001, 3.5), "of two rows that agree, the newest"
+    assert cell.results["task"].values == {"error_m": 3.250005}
+
+
+def test_a_cell_costs_what_was_measured_last(tmp_path):
+    """Measuring the costs of a board again, on an idle machine, takes a run of one quick task."""
+    rows = [full_row("a", [1.0], task=task, seconds=9.0) for task in ("one", "other")]
+    again = full_row("a", [1.0], task="one", seconds=2.0, time="2026-02-02T00:00:00Z")
+    cached = full_row("a", [1.0], task="another", seconds=9.0, time="2026-03-03T00:00:00Z")
+    cached["completing"]["cached"] = True
+    folders = [
+        store_run(tmp_path / "busy", rows, calibration=3.0),
+        store_run(tmp_path / "idle", [again, cached], calibration=1.0, time="2026-02-02"),
+    ]
+    for order in itertools.permutations(folders):
+        board = board_of_runs("b", order)
+        (cell,) = board.cells
+        assert cell.seconds == 2.0 and board.runs[cell.run].calibration_seconds == 1.0
+        assert set(cell.results) == {"one", "other", "another"}
+    assert summarize([cached, again, *rows])["seconds"].eq(2.0).all()
 
 
 def test_what_is_there_twice_must_agree(tmp_path):
