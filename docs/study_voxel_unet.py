@@ -1,24 +1,28 @@
-"""What each part of voxel_unet's training brings, at equal steps: the table of docs/completers/voxel_unet.md.
+"""What each part of voxel_unet's training brings, at equal steps: the tables of docs/completers/voxel_unet.md.
 
-    python docs/study_voxel_unet.py OUT [--steps 600] [--folder SCANS] [--only NAME ...]
+    python docs/study_voxel_unet.py OUT [--folder SCANS] [--more 120] [--steps 300] [--only NAME ...]
 
-Trains a network a variant into OUT/NAME, each from the same first weights on the same pairs, and measures the median
-ChD over that of doing nothing: on generated rooms of the split `val`, on the same rooms with natural gaps, and on the
-scans of a folder. What is in OUT already is not trained again. A step takes about a second; nothing of a folder of
-scans is ever trained on.
+Augmentations and voxels: the network in the package is trained on for `--more` steps with one thing left out or
+changed, on pairs that it did not see; what it then does worse, that thing had brought. Sizes of the network: each is
+trained from nothing for `--steps` steps on the same pairs. Measured are the cross entropy of occupancy on pairs of
+other crops, and the median ChD over that of doing nothing: on generated rooms of the split `val`, on the same rooms
+with natural gaps, and on the scans of a folder, which nothing is ever trained on. What is in OUT already is not
+trained again. A step takes one to two seconds of one core.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from pcdbench_completers.voxel_unet.completer import VOXEL_SPACINGS
+import torch
+from pcdbench_completers.voxel_unet.completer import SHIPPED_WEIGHTS, VOXEL_SPACINGS
 from pcdbench_completers.voxel_unet.network import WIDTHS, VoxelUNet
 from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
+from torch import nn
 
 from pcdbench.case import Case, make_case
 from pcdbench.completer import Completer
@@ -28,12 +32,13 @@ from pcdbench.incompletenesses.holes import Holes
 from pcdbench.scene import Scene
 from pcdbench.training.augment import Recipe, natural_gaps
 from pcdbench.training.loop import Budget, train
-from pcdbench.training.stream import PairStream
+from pcdbench.training.stream import PairStream, TrainingPair
 from pcdbench.training.validation import capped_chd
 from pcdbench.weights import Weights
 
 LEVELS = (0.1, 0.3, 0.5)
 ROOMS = 8
+HELD_OUT = range(40_000, 40_040)  # pairs of crops that no training came to
 MIN_POINTS = 8000
 BARE = Recipe(gaps=False, ghosts=False, clutter=False, density=False, noise=False, pose=False, color=False)
 
@@ -43,46 +48,50 @@ class Variant:
     """A training that differs from the full one in one thing.
 
     Attributes:
-        share: of the steps that are trained.
+        fresh: from nothing, not from the weights in the package.
     """
 
     recipe: Recipe = field(default_factory=Recipe)
     widths: tuple[int, ...] = WIDTHS
     voxel_spacings: float = VOXEL_SPACINGS
-    share: float = 1.0
+    fresh: bool = False
 
 
 VARIANTS = {
-    "everything": Variant(),
+    "nothing changed": Variant(),
     "no natural gaps": Variant(Recipe(gaps=False)),
-    "no ghosts": Variant(Recipe(ghosts=False)),
+    "no augmentation": Variant(BARE),
     "no clutter": Variant(Recipe(clutter=False)),
     "one density": Variant(Recipe(density=False)),
     "no noise": Variant(Recipe(noise=False)),
+    "no ghosts": Variant(Recipe(ghosts=False)),
     "one heading and scale": Variant(Recipe(pose=False)),
     "one light": Variant(Recipe(color=False)),
-    "no augmentation": Variant(BARE),
     "voxels of 1.25 spacings": Variant(voxel_spacings=1.25),
     "voxels of 2.5 spacings": Variant(voxel_spacings=2.5),
-    "three levels": Variant(widths=WIDTHS[:3]),
-    "four levels": Variant(widths=WIDTHS[:4]),
-    "half the width": Variant(widths=tuple(width // 2 for width in WIDTHS)),
-    "half the steps": Variant(share=0.5),
-    "a quarter of the steps": Variant(share=0.25),
+    "five levels": Variant(fresh=True),
+    "four levels": Variant(widths=WIDTHS[:4], fresh=True),
+    "three levels": Variant(widths=WIDTHS[:3], fresh=True),
+    "half the width": Variant(widths=tuple(width // 2 for width in WIDTHS), fresh=True),
 }
 
 
-def trained(variant: Variant, out: Path, steps: int) -> Completer:
-    """The completer of a variant, trained unless it is there."""
-    trainee = VoxelUNetTrainee(variant.widths, variant.voxel_spacings)
-    total, done = round(variant.share * steps), out / "done"
+class Continued(VoxelUNetTrainee):
+    """Goes on from the weights in the package."""
+
+    def network(self) -> nn.Module:
+        return Weights(SHIPPED_WEIGHTS, "", "voxel_unet").load_into(VoxelUNet())
+
+
+def trained(variant: Variant, trainee: VoxelUNetTrainee, out: Path, steps: int) -> VoxelUNet:
+    """The network of a variant, trained unless it is there."""
+    done = out / "done"
     if not done.exists():
-        train(trainee, out, Budget(steps=total), stream=PairStream(recipe=variant.recipe), resume=True)
+        stream = PairStream(seed=0 if variant.fresh else 1, recipe=variant.recipe)
+        train(trainee, out, Budget(steps=steps), stream=stream, resume=True)
         done.touch()
-    weights = Weights(out / "weights.safetensors", str(out / "weights.safetensors"), "voxel_unet")
-    network = VoxelUNet(variant.widths)
-    weights.load_into(network)
-    return trainee.completer(network)
+    weights = Weights(SHIPPED_WEIGHTS, str(out / "weights.safetensors"), "voxel_unet")
+    return weights.load_into(VoxelUNet(variant.widths)).eval()
 
 
 def generated() -> Iterator[Scene]:
@@ -125,21 +134,39 @@ def ratios(completer: Completer, by_level: dict[float, list[tuple[Case, float]]]
     return found
 
 
+def entropy(trainee: VoxelUNetTrainee, network: VoxelUNet, pairs: Sequence[TrainingPair]) -> float:
+    """The cross entropy of occupancy over pairs, in hundredths; comparable between networks of one size of voxels."""
+    found = []
+    for number, pair in enumerate(pairs):
+        (example,) = trainee.collate([trainee.example(pair, np.random.default_rng(number))])
+        tensors = {name: torch.as_tensor(value) for name, value in example.items()}
+        with torch.inference_mode():
+            found.append(float(trainee.loss(network, tensors)["entropy"]))
+    return 100 * float(np.mean(found))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--steps", type=int, default=600)
+    parser.add_argument("--more", type=int, default=120, help="steps from the weights in the package")
+    parser.add_argument("--steps", type=int, default=300, help="steps from nothing")
     parser.add_argument("--folder", type=Path, help="real scans, to be measured on")
     parser.add_argument("--only", nargs="*", default=list(VARIANTS), choices=list(VARIANTS))
     arguments = parser.parse_args()
-    places = {"generated rooms": cases(generated()), "with natural gaps": cases(with_gaps(generated()))}
+    places = {"generated rooms": generated(), "with natural gaps": with_gaps(generated())}
     if arguments.folder is not None:
-        places["real rooms"] = cases(real(arguments.folder))
-    print(f"| {arguments.steps} steps, 10 / 30 / 50 % missing | {' | '.join(places)} |\n|---|{'---|' * len(places)}")
+        places["real rooms"] = real(arguments.folder)
+    measured = {place: cases(scenes) for place, scenes in places.items()}
+    pairs = [PairStream(seed=2)[index] for index in HELD_OUT]
+    print(f"| | steps | entropy | {' | '.join(measured)} |\n|---|---|---|{'---|' * len(measured)}")
     for name in arguments.only:
-        completer = trained(VARIANTS[name], arguments.out / name.replace(" ", "_"), arguments.steps)
-        cells = [" / ".join(f"{ratio:.2f}" for ratio in ratios(completer, by_level)) for by_level in places.values()]
-        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+        variant = VARIANTS[name]
+        steps = arguments.steps if variant.fresh else arguments.more
+        trainee = (VoxelUNetTrainee if variant.fresh else Continued)(variant.widths, variant.voxel_spacings)
+        network = trained(variant, trainee, arguments.out / name.replace(" ", "_"), steps)
+        completer = trainee.completer(network)
+        cells = [" / ".join(f"{ratio:.2f}" for ratio in ratios(completer, made)) for made in measured.values()]
+        print(f"| {name} | {steps} | {entropy(trainee, network, pairs):.2f} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":
