@@ -15,7 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pcdbench_completers.local_surface import surface_spacing
-from pcdbench_completers.voxel_unet.completer import UNOBSERVED, VOXEL_SPACINGS, VoxelUNetCompleter
+from pcdbench_completers.voxel_unet.completer import (
+    LEAST,
+    VOXEL_SPACINGS,
+    VoxelUNetCompleter,
+    given_what_is_missing,
+    unobserved,
+)
 from pcdbench_completers.voxel_unet.grid import Grid
 from pcdbench_completers.voxel_unet.tiles import predict
 from scipy.ndimage import binary_dilation
@@ -30,10 +36,9 @@ from pcdbench.incompletenesses.holes import Holes
 from pcdbench.training.validation import capped_chd
 
 IMAGES = Path(__file__).parent / "images"
-THRESHOLDS = (0.05, 0.1, 0.2, 0.3, 0.4)
+THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5)
 LEVELS = (0.1, 0.3, 0.5)
 BINS = 10
-LOWEST = 0.05  # what is less likely than this is empty space far from anything, and perfectly predicted
 MIN_POINTS = 8000
 
 
@@ -79,9 +84,8 @@ def reliability(measured: list[Case]) -> NDArray[np.float64]:
         cloud = case.cloud
         spacing_m = surface_spacing(cloud.points)
         grid = Grid.around(cloud.points, VOXEL_SPACINGS * spacing_m)
-        found = predict(completer._network, cloud, grid, LOWEST)
-        away, _ = cKDTree(cloud.points).query(found.points, distance_upper_bound=UNOBSERVED * spacing_m)
-        found = found.select(np.isinf(away))
+        found = unobserved(predict(completer._network, cloud, grid, LEAST), cloud, spacing_m)
+        found = given_what_is_missing(found, cloud, grid)
         dense = case.scene.dense.points
         occupied = np.zeros(2 * np.array(grid.shape), np.bool_)
         occupied.reshape(-1)[grid.cells(dense[grid.holds(dense)], per_edge=2)[0]] = True

@@ -8,7 +8,15 @@ import torch
 from numpy.typing import NDArray
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.voxel_unet import tiles
-from pcdbench_completers.voxel_unet.completer import SHIPPED_WEIGHTS, VoxelUNetCompleter, surface_points
+from pcdbench_completers.voxel_unet.completer import (
+    MOST,
+    SHIPPED_WEIGHTS,
+    USUAL,
+    VoxelUNetCompleter,
+    given_what_is_missing,
+    surface_points,
+    unobserved,
+)
 from pcdbench_completers.voxel_unet.grid import CHANNELS, Grid, network_input, sub_voxel_means
 from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, split_voxels
 from pcdbench_completers.voxel_unet.tiles import Prediction
@@ -162,6 +170,7 @@ def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> N
     noise = 0.006
     cloud, found, truth = flat_prediction(0.08, noise)
     spacing = surface_spacing(cloud.points)
+    found = unobserved(found, cloud, spacing)
     added, confidence = surface_points(cloud, found, spacing, np.random.default_rng(0))
     assert len(added) == len(confidence) == pytest.approx(len(truth), rel=0.1)
     assert np.abs(added.points[:, 2]).std() <= 2 * noise
@@ -183,6 +192,24 @@ def test_surface_is_where_three_in_a_row_add_up_to_most() -> None:
         before, here, after = rows[int(np.argmax(np.sum(rows, axis=1)))]
         assert float(probability[cell]) == pytest.approx(1 - np.exp(-(before + here + after)), abs=1e-6)
         assert bool(ridge[cell]) == (here >= max(before, after))
+
+
+def test_probabilities_follow_how_much_is_missing() -> None:
+    # Observed: 2,000 sub-voxels with a point in the middle of each.
+    grid = Grid(np.zeros(3), 2.0, (20, 20, 5), 0.0)
+    cloud = PointCloud(np.stack(np.unravel_index(np.arange(2000), (40, 40, 10)), axis=1) + 0.5)
+
+    def adjusted(count: int) -> NDArray[np.float32]:
+        chances = np.resize(np.float32([0.2, 0.8]), count)
+        found = Prediction(np.zeros((count, 3)), chances, np.zeros((count, 3), np.float32))
+        return given_what_is_missing(found, cloud, grid).probability
+
+    usual = round(USUAL * 2000 / 0.5)
+    assert adjusted(usual) == pytest.approx(np.resize([0.2, 0.8], usual), abs=1e-3)
+    assert adjusted(2 * usual)[:2] == pytest.approx([2 / (2 + 4), 8 / (8 + 1)], abs=1e-3)
+    assert adjusted(2)[:2] == pytest.approx([1 / (1 + 4 * MOST), 4 / (4 + MOST)], abs=1e-3)
+    assert adjusted(100 * usual)[:2] == pytest.approx([MOST / (MOST + 4), 4 * MOST / (4 * MOST + 1)], abs=1e-3)
+    assert len(adjusted(0)) == 0
 
 
 def test_colours_are_those_of_observed_surface_beside_it_and_the_networks_far_off() -> None:
