@@ -51,6 +51,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         )
 
     options: Options
+    version = "2"
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
 
     def __init__(
