@@ -24,6 +24,7 @@ from pcdbench_completers.voxel_unet.completer import (
 )
 from pcdbench_completers.voxel_unet.grid import Grid
 from pcdbench_completers.voxel_unet.tiles import predict
+from pcdbench_tasks.ssim import Ssim
 from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
@@ -48,7 +49,7 @@ def cases(dataset: Dataset, names: list[str], level: float) -> list[Case]:
 
 
 def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np.float64]]:
-    """By threshold, (3 levels, 3): medians of ChD over doing nothing, precision and recall of what is missing."""
+    """By threshold, (3 levels, 4): medians of ChD over doing nothing, accuracy, completeness and SSIM."""
     table = {}
     for threshold in THRESHOLDS:
         completer = VoxelUNetCompleter(VoxelUNetCompleter.Options(threshold=threshold))
@@ -57,17 +58,19 @@ def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np
             figures = []
             for case in measured[level]:
                 complete, given = case.scene.complete.points, case.cloud.points
-                completed = completer.complete(case.cloud, np.random.default_rng(0)).points
+                cloud = completer.complete(case.cloud, np.random.default_rng(0))
+                ssim = Ssim().evaluate(case, cloud, np.random.default_rng(0)).samples["ssim"][0]
+                completed = cloud.points
                 added, missing = completed[len(given) :], complete[~case.kept]
                 floor = capped_chd(given, complete)
                 ratio = capped_chd(completed, complete) / floor
                 near_m = 1.5 * surface_spacing(complete)
                 right = cKDTree(case.scene.dense.points).query(added)[0] < near_m if len(added) else np.ones(1)
                 found = cKDTree(completed).query(missing)[0] < near_m
-                figures.append((ratio, right.mean(), found.mean()))
+                figures.append((ratio, right.mean(), found.mean(), ssim))
             levels.append(np.median(figures, axis=0))
         table[threshold] = np.array(levels)
-        cells = " | ".join(" / ".join(f"{value:.2f}" for value in table[threshold][:, k]) for k in range(3))
+        cells = " | ".join(" / ".join(f"{value:.2f}" for value in table[threshold][:, k]) for k in range(4))
         print(f"| {threshold:g} | {cells} |", flush=True)
     return table
 
@@ -150,7 +153,9 @@ def draw(table: dict[float, NDArray], diagrams: dict[str, NDArray[np.float64]]) 
 def main(count: str = "12", folder: str = "") -> None:
     data = Indoor()
     names = list(data.scene_names("val"))[: int(count)]
-    print("| threshold | ChD over doing nothing at 10 / 30 / 50 % | accuracy | completeness |\n|---|---|---|---|")
+    print(
+        "| threshold | ChD over doing nothing at 10 / 30 / 50 % | accuracy | completeness | SSIM |\n|---|---|---|---|---|"
+    )
     table = threshold_table({level: cases(data, names, level) for level in LEVELS})
     rooms: dict[str, tuple[Dataset, list[str]]] = {"generated rooms": (data, names)}
     if folder:
