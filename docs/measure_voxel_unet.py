@@ -153,9 +153,8 @@ def draw(table: dict[float, NDArray], diagrams: dict[str, NDArray[np.float64]]) 
 def main(count: str = "12", folder: str = "") -> None:
     data = Indoor()
     names = list(data.scene_names("val"))[: int(count)]
-    print(
-        "| threshold | ChD over doing nothing at 10 / 30 / 50 % | accuracy | completeness | SSIM |\n|---|---|---|---|---|"
-    )
+    print("| threshold | ChD over doing nothing at 10 / 30 / 50 % | accuracy | completeness | SSIM |")
+    print("|---|---|---|---|---|")
     table = threshold_table({level: cases(data, names, level) for level in LEVELS})
     rooms: dict[str, tuple[Dataset, list[str]]] = {"generated rooms": (data, names)}
     if folder:
