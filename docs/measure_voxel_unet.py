@@ -137,9 +137,7 @@ def draw(table: dict[float, NDArray], diagrams: dict[str, NDArray[np.float64]]) 
             ms=3,
             label=f"{level:.0%} missing",
         )
-    left.set(
-        xlabel="accuracy: added points that lie on the truth", ylabel="completeness: missing points that were found"
-    )
+    left.set(xlabel="accuracy: added points on the truth", ylabel="completeness: missing points found")
     left.legend(frameon=False)
     right.plot([0, 1], [0, 1], color="gray", linewidth=0.8)
     for name, sums in diagrams.items():
