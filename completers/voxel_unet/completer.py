@@ -28,9 +28,10 @@ FEWEST_POINTS = 30  # fewer say nothing about a surface: they are returned as th
 NEIGHBORS = 10
 JITTERS = 4  # candidates a sub-voxel: what blue noise chooses from
 UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was observed
-LEAST = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
-USUAL = 0.065  # unobserved surface over observed, both in sub-voxels, where probabilities come out right (on `val`)
-MOST = 6.0  # by what odds are multiplied, or divided, at most
+LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
+# Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
+USUAL_SHARE = 0.065
+MAX_SHIFT = 6.0  # by what odds are multiplied, or divided, at most
 COLOR_REACH = 16.0  # spacings over which the nearest observed color fades into the network's, e-fold
 # Darts keep apart by the square root of this, in spacings: with so many candidates a floor gets its own density back
 # (measured: within 3 %). With more candidates darts could keep farther apart, at more cost.
@@ -82,7 +83,8 @@ class VoxelUNetCompleter(LearnedCompleter):
             return cloud, np.ones(len(cloud), np.float32)
         grid = Grid.around(local.points, self._voxel_spacings * spacing_m)
         threshold = self.options.threshold
-        found = predict(self._network, local, grid, min(LEAST, threshold / (threshold + MOST * (1 - threshold))))
+        may_pass = threshold / (threshold + MAX_SHIFT * (1 - threshold))
+        found = predict(self._network, local, grid, min(LEAST_LIKELY, may_pass))
         found = given_what_is_missing(unobserved(found, local, spacing_m), local, grid)
         found = found.select(found.probability > threshold)
         added, confidence = surface_points(local, found, spacing_m, rng)
@@ -108,8 +110,8 @@ def given_what_is_missing(found: Prediction, cloud: pcdbench.PointCloud, grid: G
     probabilities of Saerens, Latinne and Decaestecker (Neural Computation 14, 2002).
     """
     observed = len(np.unique(grid.cells(cloud.points, per_edge=2)[0]))
-    missing = float(found.probability[found.probability > LEAST].sum()) / observed
-    factor = np.float32(np.clip(missing / USUAL, 1 / MOST, MOST))
+    missing = float(found.probability[found.probability > LEAST_LIKELY].sum()) / observed
+    factor = np.float32(np.clip(missing / USUAL_SHARE, 1 / MAX_SHIFT, MAX_SHIFT))
     odds = found.probability * factor
     return replace(found, probability=odds / (odds + 1 - found.probability))
 

@@ -145,7 +145,7 @@ def test_a_few_steps_on_one_pair_lower_its_loss(name, pair):
     optimizer = torch.optim.AdamW(groups)
     term = "color" if name == "color" else "loss"
     values = []
-    for _ in range(12):
+    for _ in range(8):
         optimizer.zero_grad()
         losses = trainee.loss(network, made)
         losses["loss"].backward()

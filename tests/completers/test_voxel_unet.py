@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.voxel_unet import tiles
 from pcdbench_completers.voxel_unet.completer import (
-    MOST,
+    MAX_SHIFT,
     SHIPPED_WEIGHTS,
-    USUAL,
+    USUAL_SHARE,
     VoxelUNetCompleter,
     given_what_is_missing,
     surface_points,
@@ -204,11 +204,13 @@ def test_probabilities_follow_how_much_is_missing() -> None:
         found = Prediction(np.zeros((count, 3)), chances, np.zeros((count, 3), np.float32))
         return given_what_is_missing(found, cloud, grid).probability
 
-    usual = round(USUAL * 2000 / 0.5)
+    usual = round(USUAL_SHARE * 2000 / 0.5)
     assert adjusted(usual) == pytest.approx(np.resize([0.2, 0.8], usual), abs=1e-3)
     assert adjusted(2 * usual)[:2] == pytest.approx([2 / (2 + 4), 8 / (8 + 1)], abs=1e-3)
-    assert adjusted(2)[:2] == pytest.approx([1 / (1 + 4 * MOST), 4 / (4 + MOST)], abs=1e-3)
-    assert adjusted(100 * usual)[:2] == pytest.approx([MOST / (MOST + 4), 4 * MOST / (4 * MOST + 1)], abs=1e-3)
+    assert adjusted(2)[:2] == pytest.approx([1 / (1 + 4 * MAX_SHIFT), 4 / (4 + MAX_SHIFT)], abs=1e-3)
+    assert adjusted(100 * usual)[:2] == pytest.approx(
+        [MAX_SHIFT / (MAX_SHIFT + 4), 4 * MAX_SHIFT / (4 * MAX_SHIFT + 1)], abs=1e-3
+    )
     assert len(adjusted(0)) == 0
 
 
