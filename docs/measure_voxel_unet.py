@@ -87,7 +87,7 @@ def reliability(measured: list[Case]) -> NDArray[np.float64]:
         cloud = case.cloud
         spacing_m = surface_spacing(cloud.points)
         grid = Grid.around(cloud.points, VOXEL_SPACINGS * spacing_m)
-        found = unobserved(predict(completer._network, cloud, grid, LEAST_LIKELY), cloud, spacing_m)
+        found = unobserved(predict(completer._network, cloud, grid, LEAST_LIKELY), cloud, grid, spacing_m)
         found = given_what_is_missing(found, cloud, grid)
         dense = case.scene.dense.points
         occupied = np.zeros(2 * np.array(grid.shape), np.bool_)

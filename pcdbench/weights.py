@@ -72,8 +72,19 @@ class Weights:
             raise PcdbenchError(f"{self.path} does not hold weights ({error}); give a safetensors file") from error
         return {key: value.float() if value.is_floating_point() else value for key, value in loaded.items()}
 
+    def origin(self) -> dict[str, Any]:
+        """What a card tells of the weights that a training began from: their digest and what made them."""
+        card = self.card or {}
+        told = ("trained_on", "seed", "steps", "pairs", "hours", "begun_from", "date")
+        return {"sha256": self.digest} | {key: card[key] for key in told if key in card}
+
     def load_into(self, network: Any) -> Any:
-        """The `torch.nn.Module` with these weights, in evaluation mode.
+        """The `torch.nn.Module` with these weights, in evaluation mode; raises as `begin` does."""
+        self.begin(network)
+        return network.eval()
+
+    def begin(self, network: Any) -> None:
+        """Give the `torch.nn.Module` these weights; whether it is training does not change.
 
         Raises:
             PcdbenchError: where the file is not safetensors, or holds another network.
@@ -85,7 +96,6 @@ class Weights:
             raise PcdbenchError(
                 f"{self.path} holds the weights of another network than {self._name} ({first})"
             ) from None
-        return network.eval()
 
 
 class LearnedCompleter(Completer):

@@ -16,7 +16,7 @@ from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
 from ..patch_truth import TRUTH_POINTS, distances_by_patch, evenly, true_patches
-from ..patches import OVERLAP, Patches
+from ..patches import Patches
 from .completer import DeepPCD, DeepPCDOptions
 from .neighborhoods import Neighborhoods
 from .network import DeepPCDNetwork
@@ -76,31 +76,11 @@ class DeepPCDTrainee(Trainee):
             "cells": patches.cells,
             "low": patches.low,
             "scale": np.asarray(patches.scale),
-            "extent": patches.grid.extent[:2].astype(np.float32),
             "chosen": chosen,
             "truth": scaled.astype(np.float32),
             "patch_truth": patch_truth,
             "patch_of": patch_of,
         }
-
-    def varied(self, example: Example, rng: np.random.Generator) -> Example:
-        """The same cloud mirrored along its length, along its width, or with the two exchanged: one of eight."""
-        cells, low = example["cells"].copy(), example["low"].copy()
-        clouds = {name: example[name].copy() for name in ("points", "truth", "patch_truth")}
-        extent, scale = example["extent"].copy(), example["scale"]
-        size = self.options.grid
-        for axis in range(2):
-            if rng.random() < 0.5:
-                width = (1 + 2 * OVERLAP) * extent[axis] / size
-                cells[:, axis] = size - 1 - cells[:, axis]
-                low[:, axis] = extent[axis] - low[:, axis] - width
-                for name, cloud in clouds.items():
-                    cloud[..., axis] = (extent[axis] if name == "truth" else width / scale) - cloud[..., axis]
-        if rng.random() < 0.5:
-            cells, extent = cells[:, ::-1].copy(), extent[::-1].copy()
-            low, *others = (cloud[..., [1, 0, 2]] for cloud in (low, *clouds.values()))
-            clouds = dict(zip(clouds, others, strict=True))
-        return example | clouds | {"cells": cells, "low": low, "extent": extent}
 
     def loss(self, network: nn.Module, example: dict[str, Tensor]) -> dict[str, Tensor]:
         around = tuple(example[name] for name in NEIGHBORHOODS)

@@ -28,6 +28,7 @@ FEWEST_POINTS = 30  # fewer say nothing about a surface: they are returned as th
 NEIGHBORS = 10
 JITTERS = 4  # candidates a sub-voxel: what blue noise chooses from
 UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was observed
+BEYOND = 1.0  # spacings outside of the prism around what was observed, from which on nothing is added
 LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
 # Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
 USUAL_SHARE = 0.065
@@ -85,7 +86,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         threshold = self.options.threshold
         may_pass = threshold / (threshold + MAX_SHIFT * (1 - threshold))
         found = predict(self._network, local, grid, min(LEAST_LIKELY, may_pass))
-        found = given_what_is_missing(unobserved(found, local, spacing_m), local, grid)
+        found = given_what_is_missing(unobserved(found, local, grid, spacing_m), local, grid)
         found = found.select(found.probability > threshold)
         added, confidence = surface_points(local, found, spacing_m, rng)
         added = pcdbench.PointCloud(added.points + origin, added.colors)
@@ -93,8 +94,9 @@ class VoxelUNetCompleter(LearnedCompleter):
         return pcdbench.PointCloud.concatenate([cloud, added]), both
 
 
-def unobserved(found: Prediction, cloud: pcdbench.PointCloud, spacing_m: float) -> Prediction:
-    """The part of a prediction that lies where nothing was observed."""
+def unobserved(found: Prediction, cloud: pcdbench.PointCloud, grid: Grid, spacing_m: float) -> Prediction:
+    """The part of a prediction that lies where nothing was observed, and among what was: not outside of the prism."""
+    found = found.select(grid.prism.depth(found.points) > -BEYOND * spacing_m)
     away, _ = loose_tree(cloud.points).query(
         found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count()
     )

@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 
-CHANNELS = 10
+from .prism import Prism
+
+CHANNELS = 13
+NEAR, DEEP = -4.0, 12.0  # voxels: how far outside and inside of the prism depths are told apart
 
 
 @dataclass(frozen=True)
@@ -22,24 +25,26 @@ class Grid:
         edge_m: the edge of a voxel; sub-voxels have half of it.
         shape: voxels along x, y, z.
         floor_m: z of the lowest corner of the whole grid that this one may be a part of.
+        prism: what stands around the points of the whole grid.
     """
 
     origin: NDArray[np.float64]
     edge_m: float
     shape: tuple[int, int, int]
     floor_m: float
+    prism: Prism
 
     @staticmethod
     def around(points: NDArray[np.float64], edge_m: float, shift: NDArray[np.float64] | None = None) -> Grid:
         """The smallest grid with a margin of two voxels around the points; `shift` in [0, 1) moves its corner."""
         origin = points.min(axis=0) - (2.0 + (np.zeros(3) if shift is None else shift)) * edge_m
         x, y, z = (int(n) for n in np.ceil((points.max(axis=0) - origin) / edge_m + 2.0))
-        return Grid(origin, edge_m, (x, y, z), float(origin[2]))
+        return Grid(origin, edge_m, (x, y, z), float(origin[2]), Prism.around(points, 2 * edge_m))
 
     def part(self, start: Sequence[int] | NDArray, stop: Sequence[int] | NDArray) -> Grid:
         """The voxels from `start` up to `stop` (three numbers each)."""
         x, y, z = (int(last) - int(first) for first, last in zip(start, stop, strict=True))
-        return Grid(self.origin + np.asarray(start) * self.edge_m, self.edge_m, (x, y, z), self.floor_m)
+        return Grid(self.origin + np.asarray(start) * self.edge_m, self.edge_m, (x, y, z), self.floor_m, self.prism)
 
     def cells(self, points: NDArray[np.float64], per_edge: int = 1) -> tuple[NDArray, NDArray]:
         """Flat index (N,) of each point's cell and its offset (N, 3) from the cell's centre in cells, [-0.5, 0.5].
@@ -59,9 +64,10 @@ class Grid:
 
 
 def network_input(cloud: PointCloud, grid: Grid) -> NDArray[np.float32]:
-    """(10, X, Y, Z): observed, log count, mean offset (3), mean colour (3), has colour, height above the floor.
+    """(13, X, Y, Z): observed, log count, mean offset (3), mean colour (3), has colour, height above the floor,
+    depth inside the prism (3): from its sides, its top and its bottom.
 
-    Where nothing was observed all but the height is zero. Colours are centred at zero.
+    Where nothing was observed all but height and depths is zero. Colours are centred at zero.
     """
     total = int(np.prod(grid.shape))
     cell, offset = grid.cells(cloud.points)
@@ -78,8 +84,14 @@ def network_input(cloud: PointCloud, grid: Grid) -> NDArray[np.float32]:
             features[5 + channel, seen] = 2 * mean - 1
         features[8] = 1.0
     height_m = grid.origin[2] - grid.floor_m + np.arange(grid.shape[2]) * grid.edge_m
-    features[9] = np.tile(height_m / 3.0, total // grid.shape[2])
-    return features.reshape(CHANNELS, *grid.shape)
+    voxels = features.reshape(CHANNELS, *grid.shape)
+    voxels[9] = height_m / 3.0
+    x, y, z = (low + (np.arange(n) + 0.5) * grid.edge_m for low, n in zip(grid.origin, grid.shape, strict=True))
+    plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    sides = grid.prism.side_depth(plan).reshape(*grid.shape[:2], 1)
+    for channel, depth_m in ((10, sides), (11, grid.prism.high - z), (12, z - grid.prism.low)):
+        voxels[channel] = np.clip(depth_m / grid.edge_m, NEAR, DEEP) / 8
+    return voxels
 
 
 def sub_voxel_means(

@@ -49,6 +49,8 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
     """
     import torch
 
+    from .network import placed
+
     torch.set_num_threads(thread_count())
     blocks = _rows_by_block(cloud.points, grid)
     none = np.zeros((0, 3))
@@ -63,14 +65,14 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
                 continue
             out = network(torch.from_numpy(network_input(seen, part))[None])[0]
             inner = tuple(slice(2 * (span.used[0] - span.read[0]), 2 * (span.used[1] - span.read[0])) for span in tile)
-            probability, ridge = (part[inner] for part in surface(torch.sigmoid(out[0])))
+            probability, ridge = (part[inner] for part in surface(torch.sigmoid(out[0].float())))
             out = out[:, inner[0], inner[1], inner[2]]
             x, y, z = torch.nonzero(ridge & (probability > threshold), as_tuple=True)
-            values = out[1:, x, y, z].T.double().numpy()
+            offsets, colors = placed(out[1:, x, y, z].T)
             corner = 2 * np.array([span.used[0] for span in tile])
-            cells = torch.stack([x, y, z], dim=1).numpy() + corner + 0.5 + values[:, :3]
-            colors = values[:, 3:].astype(np.float32)
-            found.append(Prediction(grid.origin + cells * (grid.edge_m / 2), probability[x, y, z].numpy(), colors))
+            cells = torch.stack([x, y, z], dim=1).numpy() + corner + 0.5 + offsets.double().numpy()
+            points = grid.origin + cells * (grid.edge_m / 2)
+            found.append(Prediction(points, probability[x, y, z].numpy(), colors.numpy()))
     return Prediction(
         np.concatenate([part.points for part in found]),
         np.concatenate([part.probability for part in found]),

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from torch import Tensor, nn
@@ -18,10 +19,11 @@ from pcdbench.training.trainee import Example, Preset, Trainee
 from ..local_surface import surface_spacing
 from .completer import VOXEL_SPACINGS, VoxelUNetCompleter
 from .grid import CHANNELS, Grid, network_input, sub_voxel_means
-from .network import WIDTHS, VoxelUNet
+from .network import WIDTHS, VoxelUNet, placed
 
-WINDOW = (40, 40, 28)  # voxels of an example at most: what two cores can train on in a quarter of a second
+WINDOW = (56, 56, 32)  # voxels of an example at most: all of most rooms, of the widest corridor a third
 BESIDE_OBSERVED = 0.25  # the weight of sub-voxels next to observed ones: much is known of them already
+WEIGHTS = (1.0, 1.0, BESIDE_OBSERVED, BESIDE_OBSERVED, 0.0)  # by `state`
 
 
 class VoxelUNetTrainee(Trainee):
@@ -41,7 +43,7 @@ class VoxelUNetTrainee(Trainee):
         return VoxelUNetCompleter(network=network, voxel_spacings=self._voxel_spacings)
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
-        """`features` (10, X, Y, Z) and, by sub-voxel: `state` (2X, 2Y, 2Z) uint8, 0 empty, 1 occupied, plus 2 beside
+        """`features` (13, X, Y, Z) and, by sub-voxel: `state` (2X, 2Y, 2Z) uint8, 0 empty, 1 occupied, plus 2 beside
         observed ones, 4 observed; `at` (M, 3) of the occupied ones with their `offsets` (M, 3) and `colors` (M, 3).
         """
         observed = pair.complete.select(pair.kept)
@@ -87,17 +89,17 @@ class VoxelUNetTrainee(Trainee):
         ]
 
     def loss(self, network: nn.Module, example: dict[str, Tensor]) -> dict[str, Tensor]:
-        out = network(example["features"]).float()
+        out = network(example["features"])
         state = example["state"]
-        unobserved = state < 4
-        inside = state[unobserved]
-        weight = 1.0 - (1.0 - BESIDE_OBSERVED) * (inside >= 2).float()
-        entropy = F.binary_cross_entropy_with_logits(out[:, 0][unobserved], (inside % 2).float(), weight)
+        weight = torch.tensor(WEIGHTS, device=state.device)[state.int()]
+        occupied = (state % 2).float()
+        entropy = F.binary_cross_entropy_with_logits(out[:, 0].float(), occupied, weight, reduction="sum")
+        entropy = entropy / (state < 4).sum().clamp(min=1)
         item, x, y, z = example["at"].T
-        chosen = out[item, 1:, x, y, z]
-        offset = (chosen[:, :3] - example["offsets"]).abs().mean() if len(chosen) else out.sum() * 0
-        colored = chosen[example["colored"], 3:]
-        color = (colored - example["colors"]).abs().mean() if len(colored) else out.sum() * 0
+        offsets, colors = placed(out[item, 1:, x, y, z])
+        colored = example["colored"]
+        offset = (offsets - example["offsets"]).abs().mean() if len(offsets) else out.sum() * 0
+        color = (colors[colored] - example["colors"]).abs().mean() if colored.any() else out.sum() * 0
         return {"loss": 10 * entropy + offset + color, "entropy": entropy, "offset": offset, "color": color}
 
 

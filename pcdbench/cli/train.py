@@ -21,6 +21,9 @@ def train(
     out: Annotated[Path, typer.Option(help="Receives checkpoint, weights, model card and curve.")],
     hours: Annotated[float | None, typer.Option(min=0.0, help="Train this long, over all resumptions.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this many steps.")] = None,
+    start: Annotated[
+        Path | None, typer.Option("--from", help="Begin from these weights, of the same network, not from nothing.")
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
     preset: Annotated[str, typer.Option(help="How the optimizer goes about it.")] = "default",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
@@ -58,7 +61,7 @@ def train(
     from pcdbench.training.loop import train as train_loop
     from pcdbench.training.stream import PairStream
     from pcdbench.training.validation import Validation
-    from pcdbench.weights import weights_option
+    from pcdbench.weights import Weights, weights_option
 
     stream = PairStream(seed)
     progress = train_loop(
@@ -67,6 +70,7 @@ def train(
         Budget(chosen.steps if hours is None and steps is None else steps, hours),
         preset=chosen,
         stream=stream,
+        start=None if start is None else Weights(start, str(start), name),
         resume=resume,
         device=device,
         workers=workers,

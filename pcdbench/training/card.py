@@ -26,8 +26,8 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
     """Write the card of a weights file beside it and return it.
 
     Its keys: completer, sha256, bytes, license, trained_on (data set, version, split), augmentation, seed, preset,
-    steps, pairs, hours, validation (with what it means), curve (step, hours, loss, validation), date, and what
-    `run.json` says of code, packages and machine.
+    steps, pairs, hours, begun_from (what is known of the weights it began from), validation (with what it means),
+    curve (step, hours, loss, validation), date, and what `run.json` says of code, packages and machine.
     """
     from pcdbench.datasets.synthetic import Indoor
 
@@ -43,6 +43,7 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
         "steps": progress.step,
         "pairs": progress.step * preset.batch,
         "hours": round(progress.seconds / 3600, 3),
+        "begun_from": progress.begun_from,
         "validation": {
             "chd_ratio": progress.validation,
             "meaning": "median ChD over that of doing nothing, rooms of indoor's split val, holes, 30 %",

@@ -23,6 +23,7 @@ from pcdbench.training.curve import Curve
 from pcdbench.training.precision import bfloat16_pays
 from pcdbench.training.stream import PairStream
 from pcdbench.training.trainee import Example, Preset, Trainee
+from pcdbench.weights import Weights
 from pcdbench.workers import end_as_a_group
 
 AVERAGE_DECAY = 0.998
@@ -59,6 +60,7 @@ class Progress:
         validation: the latest validation error; best: the lowest; waited: checks since then.
         rate: what `plateau` has left of the learning rate.
         terms: running means of the loss's terms.
+        begun_from: which weights it began from (`Weights.origin`), if any.
     """
 
     step: int = 0
@@ -68,6 +70,7 @@ class Progress:
     waited: int = 0
     rate: float = 1.0
     terms: dict[str, float] = field(default_factory=dict)
+    begun_from: dict[str, Any] | None = None
 
     def validated(self, error: float) -> None:
         """Take a new validation error and, after too many without a better one, lower the rate."""
@@ -130,6 +133,7 @@ def train(
     *,
     preset: Preset | None = None,
     stream: PairStream | None = None,
+    start: Weights | None = None,
     resume: bool = False,
     device: str = "auto",
     workers: int = 1,
@@ -144,15 +148,16 @@ def train(
         out: receives `checkpoint.safetensors`, `weights.safetensors` (the averaged network, float16), `curve.csv`
             and `curve.png`.
         preset: the trainee's `default` unless given.
-        stream: where the pairs come from; its seed decides the first weights too.
-        resume: go on from the checkpoint in `out`: the next examples are those that would have come.
+        stream: where the pairs come from; its seed decides the first weights too, unless `start` gives them.
+        start: weights of the same network to begin from.
+        resume: go on from the checkpoint in `out`, if there is one: the next examples are those that would have come.
         device: `auto`, `cpu` or `cuda`. Several GPUs and machines are used where `accelerate launch` starts this.
         workers: loader processes that prepare examples.
         validate: the validation error of a completer; the progress line and the curve show it.
         report: takes the progress line, now and then.
 
     Raises:
-        PcdbenchError: where the checkpoint is of another network.
+        PcdbenchError: where the checkpoint, or `start`, is of another network.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -163,10 +168,13 @@ def train(
     torch.manual_seed(stream.seed)
     torch.set_num_threads(thread_count())
     accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")
-    plain = trainee.network()
+    plain, progress = trainee.network(), Progress()
+    if start is not None:
+        start.begin(plain)
+        progress.begun_from = start.origin()
     optimizer = _optimizer(trainee, plain, preset)
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
-    progress, checkpoint, curve = Progress(), out / "checkpoint.safetensors", Curve(out)
+    checkpoint, curve = out / "checkpoint.safetensors", Curve(out)
     if resume and checkpoint.exists():
         progress = resumed(checkpoint, plain, average, optimizer)
         curve.cut(progress.step)

@@ -18,7 +18,8 @@ from pcdbench_completers.voxel_unet.completer import (
     unobserved,
 )
 from pcdbench_completers.voxel_unet.grid import CHANNELS, Grid, network_input, sub_voxel_means
-from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, split_voxels
+from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, placed, split_voxels
+from pcdbench_completers.voxel_unet.prism import Prism
 from pcdbench_completers.voxel_unet.tiles import Prediction
 from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
 from scipy.spatial import cKDTree
@@ -97,8 +98,54 @@ def test_the_network_has_the_trials_size_and_answers_every_sub_voxel() -> None:
     with torch.inference_mode():
         out = network(torch.zeros(1, CHANNELS, 19, 22, 9))
     assert out.shape == (1, OUTPUTS, 38, 44, 18)
-    assert out[:, 1:4].abs().max() <= 0.5
-    assert 0 <= out[:, 4:].min() <= out[:, 4:].max() <= 1
+    offsets, colors = placed(10 * out[0, 1:].flatten(1).T)
+    assert offsets.shape == colors.shape == (38 * 44 * 18, 3)
+    assert offsets.abs().max() <= 0.5
+    assert 0 <= colors.min() <= colors.max() <= 1
+
+
+def test_weights_of_before_the_prism_was_known_answer_as_they_did() -> None:
+    torch.manual_seed(0)
+    network = VoxelUNet().eval()
+    state = network.state_dict()
+    state["down.0.0.weight"] = state["down.0.0.weight"][:, :10]
+    features = torch.rand(1, CHANNELS, 8, 8, 8)
+    with torch.inference_mode():
+        network.load_state_dict(state)
+        answer = network(features)
+        features[:, 10:] = 0
+        assert torch.equal(network(features), answer)
+
+
+def test_the_prism_is_the_hull_of_the_plan_without_strays() -> None:
+    rng = np.random.default_rng(0)
+    angle = np.pi / 6
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    box = rng.uniform((0, 0, 0), (4, 2, 2.5), (20_000, 3))
+    box[:, :2] = box[:, :2] @ turn.T
+    strays = np.array([[9.0, 9.0, 1.0], [-7.0, 0.0, 1.0], [0.5, 1.0, 6.0]])
+    prism = Prism.around(np.concatenate([box, strays]), 0.25)
+    assert (prism.low, prism.high) == pytest.approx((0.0, 2.5), abs=0.01)
+    places = np.array([[2.0, 1.0, 1.2], [0.5, 1.0, 1.2], [4.3, 1.0, 1.2], [2.0, 1.0, -0.2], [2.0, 1.0, 2.4]])
+    expected = [1.0, 0.5, -0.3, -0.2, 0.1]
+    places[:, :2] = places[:, :2] @ turn.T
+    assert prism.depth(places) == pytest.approx(expected, abs=0.03)
+
+
+def test_a_prism_around_a_line_is_thin_and_around_three_points_is_theirs() -> None:
+    line = np.linspace(0, 1, 50)[:, None] * (3.0, 0.0, 0.0)
+    assert Prism.around(line, 0.1).depth(np.array([[1.5, 0.0, 0.0], [1.5, 1.0, 0.0]])) == pytest.approx([0.0, -1.0])
+    corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
+    assert Prism.around(corners, 0.1).depth(np.array([[0.5, 0.5, 0.0]]))[0] == pytest.approx(0.0)
+
+
+def test_the_network_is_told_how_deep_each_voxel_lies() -> None:
+    cloud = room(3000)
+    grid = Grid.around(cloud.points, 0.25)
+    sides, top, bottom = 8 * 0.25 * network_input(cloud, grid)[10:]
+    centers = grid.origin + 0.25 * (np.argwhere(np.ones(grid.shape)) + 0.5)
+    depth = np.minimum(np.minimum(sides, top), bottom).reshape(-1)
+    assert depth == pytest.approx(np.clip(grid.prism.depth(centers), -1.0, 3.0), abs=1e-5)
 
 
 def test_split_voxels_puts_each_part_into_its_corner() -> None:
@@ -170,7 +217,7 @@ def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> N
     noise = 0.006
     cloud, found, truth = flat_prediction(0.08, noise)
     spacing = surface_spacing(cloud.points)
-    found = unobserved(found, cloud, spacing)
+    found = unobserved(found, cloud, Grid.around(cloud.points, 2 * spacing), spacing)
     added, confidence = surface_points(cloud, found, spacing, np.random.default_rng(0))
     assert len(added) == len(confidence) == pytest.approx(len(truth), rel=0.1)
     assert np.abs(added.points[:, 2]).std() <= 2 * noise
@@ -196,7 +243,7 @@ def test_surface_is_where_three_in_a_row_add_up_to_most() -> None:
 
 def test_probabilities_follow_how_much_is_missing() -> None:
     # Observed: 2,000 sub-voxels with a point in the middle of each.
-    grid = Grid(np.zeros(3), 2.0, (20, 20, 5), 0.0)
+    grid = Grid(np.zeros(3), 2.0, (20, 20, 5), 0.0, Prism(np.zeros((0, 3)), 0.0, 10.0))
     cloud = PointCloud(np.stack(np.unravel_index(np.arange(2000), (40, 40, 10)), axis=1) + 0.5)
 
     def adjusted(count: int) -> NDArray[np.float32]:
@@ -244,6 +291,17 @@ def test_it_fills_the_hole_in_a_floor_and_keeps_every_point() -> None:
     added = completed.points[len(cloud) :]
     hole = added[np.linalg.norm(added - (4.5, 2.0, 0.0), axis=1) < 0.8]
     assert np.abs(hole[:, 2] - np.median(hole[:, 2])).std() <= 2 * 0.005
+
+
+@trained
+def test_nothing_is_added_outside_of_what_was_observed() -> None:
+    cloud = room(9000)
+    cloud = with_hole(with_hole(cloud, (0.0, 2.0, 1.3), 1.0), (6.0, 4.0, 2.6), 0.8)
+    completer = VoxelUNetCompleter(VoxelUNetCompleter.Options(threshold=0.05))
+    added = completer.complete(cloud, np.random.default_rng(0)).points[len(cloud) :]
+    spacing = surface_spacing(cloud.points)
+    assert len(added) > 100
+    assert Prism.around(cloud.points, 3.5 * spacing).depth(added).min() > -2 * spacing
 
 
 @trained

@@ -133,6 +133,7 @@ def test_options_of_a_training(no_training: Path, name: str, out: str, options: 
         (["--out=new", "--steps=1", "--seed=-1"], "--seed"),
         (["--out=new", "--steps=1", "--seed=" + "9" * 500], "--seed"),
         (["--out=new", "--steps=1", "--workers=1000000000"], "--workers"),
+        (["--out=new", "--steps=1", "--from=none"], "check the path"),
         (["--out=/dev/null/new", "--steps=1"], "cannot be made"),
     ],
 )

@@ -153,6 +153,19 @@ def test_a_checkpoint_of_another_network_is_refused(tmp_path: Path) -> None:
         trained(tmp_path, 4, resume=True)
 
 
+def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
+    preset = HeightTrainee.presets["default"]
+    first, second = tmp_path / "first", tmp_path / "second"
+    card = write_card(first / "weights.safetensors", "height", PairStream(), preset, trained(first, 40))
+    start = Weights(first / "weights.safetensors", str(first / "weights.safetensors"), "height")
+    trained(second, 1, start=start, save_every_s=0.0)
+    progress = trained(second, 2, resume=True, save_every_s=0.0)
+    curves = [Curve(folder).table() for folder in (first, second)]
+    assert curves[1]["loss"].iloc[0] < 0.8 * curves[0]["loss"].iloc[0]
+    told = write_card(second / "weights.safetensors", "height", PairStream(), preset, progress)["begun_from"]
+    assert told["sha256"] == card["sha256"] and told["steps"] == 40 and told["begun_from"] is None
+
+
 def test_the_plateau_rule_lowers_the_rate_after_two_checks_without_a_better_one() -> None:
     progress = Progress()
     for error in (1.0, 0.5, 0.6, 0.55, 0.5, 0.4):
