@@ -25,7 +25,6 @@ from pcdbench_completers.voxel_unet.completer import (
 from pcdbench_completers.voxel_unet.grid import Grid
 from pcdbench_completers.voxel_unet.tiles import predict
 from pcdbench_tasks.ssim import Ssim
-from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from pcdbench import PointCloud
@@ -78,8 +77,8 @@ def threshold_table(measured: dict[float, list[Case]]) -> dict[float, NDArray[np
 def reliability(measured: list[Case]) -> NDArray[np.float64]:
     """(3, BINS): by bin of probability, the sum of probabilities, the number with surface and the number.
 
-    Of the likeliest of three sub-voxels where nothing was observed; there is surface if the true one passes through it
-    or through a neighbour.
+    Of what the completer asks its probabilities of: the likeliest of three sub-voxels across the surface, where
+    nothing was observed. There is surface if the truth has points in any of the three.
     """
     completer: Any = VoxelUNetCompleter()
     sums = np.zeros((3, BINS))
@@ -90,10 +89,13 @@ def reliability(measured: list[Case]) -> NDArray[np.float64]:
         found = unobserved(predict(completer._network, cloud, grid, LEAST_LIKELY), cloud, grid, spacing_m)
         found = given_what_is_missing(found, cloud, grid)
         dense = case.scene.dense.points
-        occupied = np.zeros(2 * np.array(grid.shape), np.bool_)
+        shape = 2 * np.array(grid.shape)
+        occupied = np.zeros(shape, np.bool_)
         occupied.reshape(-1)[grid.cells(dense[grid.holds(dense)], per_edge=2)[0]] = True
-        near = binary_dilation(occupied, np.ones((3, 3, 3)))
-        hit = near.reshape(-1)[grid.cells(found.points, per_edge=2)[0]]
+        cells = np.stack(np.unravel_index(grid.cells(found.points, per_edge=2)[0], shape), axis=1)
+        across = np.eye(3, dtype=int)[found.axis]
+        three = [np.clip(cells + step * across, 0, shape - 1) for step in (-1, 0, 1)]
+        hit = np.any([occupied[tuple(one.T)] for one in three], axis=0)
         which = np.minimum((found.probability * BINS).astype(int), BINS - 1)
         sums += [np.bincount(which, weight, BINS) for weight in (found.probability, hit, np.ones(len(hit)))]
     return sums

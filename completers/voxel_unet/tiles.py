@@ -28,17 +28,19 @@ class Prediction:
 
     Attributes:
         points: (M, 3) metres.
-        probability: (M,) of surface there, give or take a sub-voxel.
+        probability: (M,) of surface there, give or take a sub-voxel across it.
         colors: (M, 3) in [0, 1].
+        axis: (M,) int8, the axis across the surface: 0, 1, 2 for x, y, z.
     """
 
     points: NDArray[np.float64]
     probability: NDArray[np.float32]
     colors: NDArray[np.float32]
+    axis: NDArray[np.int8]
 
     def select(self, rows: NDArray) -> Prediction:
         """The prediction at these rows (or at this mask)."""
-        return Prediction(self.points[rows], self.probability[rows], self.colors[rows])
+        return Prediction(*(values[rows] for values in vars(self).values()))
 
 
 def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float) -> Prediction:
@@ -54,7 +56,7 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
     torch.set_num_threads(thread_count())
     blocks = _rows_by_block(cloud.points, grid)
     none = np.zeros((0, 3))
-    found = [Prediction(none, np.zeros(0, np.float32), none.astype(np.float32))]
+    found = [Prediction(none, np.zeros(0, np.float32), none.astype(np.float32), np.zeros(0, np.int8))]
     with torch.inference_mode():
         for tile in product(*(_spans(size) for size in grid.shape)):
             part = grid.part([span.read[0] for span in tile], [span.read[1] for span in tile])
@@ -65,52 +67,53 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
                 continue
             out = network(torch.from_numpy(network_input(seen, part))[None])[0]
             inner = tuple(slice(2 * (span.used[0] - span.read[0]), 2 * (span.used[1] - span.read[0])) for span in tile)
-            probability, ridge = (part[inner] for part in surface(torch.sigmoid(out[0].float())))
+            probability, ridge, axis = (part[inner] for part in surface(torch.sigmoid(out[0].float())))
             out = out[:, inner[0], inner[1], inner[2]]
             x, y, z = torch.nonzero(ridge & (probability > threshold), as_tuple=True)
             offsets, colors = placed(out[1:, x, y, z].T)
             corner = 2 * np.array([span.used[0] for span in tile])
             cells = torch.stack([x, y, z], dim=1).numpy() + corner + 0.5 + offsets.double().numpy()
             points = grid.origin + cells * (grid.edge_m / 2)
-            found.append(Prediction(points, probability[x, y, z].numpy(), colors.numpy()))
+            found.append(Prediction(points, probability[x, y, z].numpy(), colors.numpy(), axis[x, y, z].numpy()))
     return Prediction(
-        np.concatenate([part.points for part in found]),
-        np.concatenate([part.probability for part in found]),
-        np.concatenate([part.colors for part in found]),
+        *(np.concatenate(values) for values in zip(*(vars(part).values() for part in found), strict=True))
     )
 
 
-def surface(occupancy: Tensor) -> tuple[Tensor, Tensor]:
-    """How likely surface is around each sub-voxel, and whether it is likeliest just there.
+def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """How likely surface crosses each sub-voxel and its two neighbours, and whether it is likeliest just there.
 
     Where a surface is certain but not how deep it lies, its occupancy is spread over a few sub-voxels, none of which
-    is likely by itself. So occupancies are added up over a sub-voxel and its two neighbours along an axis, the axis
-    on which they add up to most; and of the three the likeliest is where the surface is put. The sum is how many of
-    the three are expected to be occupied, more than one where surface is slanted; that there is one at all has the
-    probability 1 - exp(-sum), as for a Poisson process.
+    is likely by itself. So three in a row are taken together, across the surface: along the axis on which the two
+    neighbours are least occupied, since along the surface they are as occupied as what lies between them. Of the
+    three the likeliest is where the surface is put.
 
     Args:
         occupancy: (X, Y, Z) of the sub-voxels.
 
     Returns:
-        (X, Y, Z) the probability, and the (X, Y, Z) mask of the likeliest.
+        (X, Y, Z) the probability that any of the three is occupied, as if they did not depend on each other; the
+        (X, Y, Z) mask of the likeliest of their three; and the (X, Y, Z) int8 axis.
     """
     import torch
     from torch.nn import functional as F
 
     padded = F.pad(occupancy, (1,) * 6)
-    expected, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
     inner = slice(1, -1)
+    least = torch.full_like(occupancy, torch.inf)
+    others, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
+    across = torch.zeros_like(occupancy, dtype=torch.int8)
     for axis in range(3):
         before, after = (
             padded[tuple(beside if other == axis else inner for other in range(3))]
             for beside in (slice(None, -2), slice(2, None))
         )
-        together = occupancy + before + after
-        more = together > expected
-        ridge = torch.where(more, occupancy >= torch.maximum(before, after), ridge)
-        expected = torch.where(more, together, expected)
-    return -torch.expm1(-expected), ridge
+        less = before + after < least
+        least = torch.where(less, before + after, least)
+        others = torch.where(less, before + after - before * after, others)
+        ridge = torch.where(less, occupancy >= torch.maximum(before, after), ridge)
+        across = torch.where(less, axis, across)
+    return occupancy + others - occupancy * others, ridge, across
 
 
 def _rows_by_block(points: NDArray[np.float64], grid: Grid) -> dict[tuple[int, ...], NDArray[np.int64]]:

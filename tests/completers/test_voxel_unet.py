@@ -209,7 +209,12 @@ def flat_prediction(spacing: float, noise: float, seed: int = 0) -> tuple[PointC
     cells = np.stack(np.meshgrid(axis, axis, [0.0]), axis=-1).reshape(-1, 3)
     cells = cells + rng.uniform(-0.3, 0.3, cells.shape) * edge * (1, 1, 0)
     cells = cells + rng.normal(scale=noise, size=cells.shape) * (0, 0, 1)
-    found = Prediction(cells, np.full(len(cells), 0.9, np.float32), np.full((len(cells), 3), 0.5, np.float32))
+    found = Prediction(
+        cells,
+        np.full(len(cells), 0.9, np.float32),
+        np.full((len(cells), 3), 0.5, np.float32),
+        np.full(len(cells), 2, np.int8),
+    )
     return PointCloud(even[~inside]), found, even[inside]
 
 
@@ -227,18 +232,31 @@ def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> N
     assert (confidence == np.float32(0.9)).all()
 
 
-def test_surface_is_where_three_in_a_row_add_up_to_most() -> None:
+def test_surface_is_the_likeliest_of_three_in_a_row_across_it() -> None:
     occupancy = torch.from_numpy(np.random.default_rng(0).uniform(size=(4, 5, 6)).astype(np.float32)) ** 4
-    probability, ridge = tiles.surface(occupancy)
+    probability, ridge, across = tiles.surface(occupancy)
     padded = np.pad(occupancy.numpy(), 1)
     for cell in np.ndindex(4, 5, 6):
         rows = []
         for axis in range(3):
             step = np.eye(3, dtype=int)[axis]
             rows.append([padded[tuple(np.array(cell) + 1 + k * step)] for k in (-1, 0, 1)])
-        before, here, after = rows[int(np.argmax(np.sum(rows, axis=1)))]
-        assert float(probability[cell]) == pytest.approx(1 - np.exp(-(before + here + after)), abs=1e-6)
+        axis = int(np.argmin([before + after for before, _, after in rows]))
+        before, here, after = rows[axis]
+        assert int(across[cell]) == axis
+        assert float(probability[cell]) == pytest.approx(1 - (1 - before) * (1 - here) * (1 - after), abs=1e-6)
         assert bool(ridge[cell]) == (here >= max(before, after))
+
+
+def test_a_surface_whose_depth_is_uncertain_is_found_whole_and_in_one_layer() -> None:
+    # A wall, somewhere within three sub-voxels, its occupancy as uneven along it as a network's.
+    occupancy = torch.zeros(9, 12, 12)
+    along = torch.from_numpy(np.random.default_rng(0).uniform(0.8, 1.2, size=(12, 12)).astype(np.float32))
+    occupancy[3:6] = torch.tensor([0.2, 0.3, 0.15])[:, None, None] * along
+    probability, ridge, across = tiles.surface(occupancy)
+    found = ridge & (probability > 0.3)
+    assert found[4].all() and int(found.sum()) == 144
+    assert (across[4] == 0).all()
 
 
 def test_probabilities_follow_how_much_is_missing() -> None:
@@ -248,7 +266,7 @@ def test_probabilities_follow_how_much_is_missing() -> None:
 
     def adjusted(count: int) -> NDArray[np.float32]:
         chances = np.resize(np.float32([0.2, 0.8]), count)
-        found = Prediction(np.zeros((count, 3)), chances, np.zeros((count, 3), np.float32))
+        found = Prediction(np.zeros((count, 3)), chances, np.zeros((count, 3), np.float32), np.zeros(count, np.int8))
         return given_what_is_missing(found, cloud, grid).probability
 
     usual = round(USUAL_SHARE * 2000 / 0.5)
@@ -269,7 +287,7 @@ def test_colours_are_those_of_observed_surface_beside_it_and_the_networks_far_of
     places = np.stack([*np.meshgrid(axis, axis), np.zeros((160, 160))], axis=-1).reshape(-1, 3)
     places = places[places[:, 0] > 0.05]
     gray = np.full((len(places), 3), 0.5, np.float32)
-    found = Prediction(places, np.full(len(places), 0.9, np.float32), gray)
+    found = Prediction(places, np.full(len(places), 0.9, np.float32), gray, np.full(len(places), 2, np.int8))
     added, _ = surface_points(PointCloud(cloud.points, red), found, 0.05, np.random.default_rng(0))
     assert added.colors is not None
     beside, beyond = added.points[:, 0] < 0.1, added.points[:, 0] > 5.0
