@@ -21,11 +21,11 @@ from ..patches import Patches
 from .color import ColorNetwork
 from .inference import painted
 from .neighborhoods import Neighborhoods
-from .trainee import NEIGHBORHOODS
+from .trainee import EPOCH, NEIGHBORHOODS
 
 PAINTED = 512  # points a patch
 NOISE = 0.01  # of the patch: completed points do not lie as exactly as true ones
-DISCRIMINATOR_RATE = 0.5  # 1e-4 of the generator's 2e-4, as published
+DISCRIMINATOR_RATE = 0.5  # of the generator's, as published: 1e-4 and 2e-4
 # Published: 1. Fooling a discriminator that has learned nothing yet then weighs a dozen times as much as being right,
 # and within hours of two cores the generator paints everything one grey (measured).
 FOOLING_WEIGHT = 0.01
@@ -38,7 +38,10 @@ class ColorTrainee(Trainee):
     the true point they were.
     """
 
-    presets: ClassVar[Mapping[str, Preset]] = {"default": Preset(learning_rate=2e-4, batch=2, weight_decay=0.0)}
+    presets: ClassVar[Mapping[str, Preset]] = {
+        "default": Preset(learning_rate=1e-3, batch=2, weight_decay=0.0),
+        "published": Preset(learning_rate=2e-4, batch=2, weight_decay=0.0, steps=500 * EPOCH // 2),
+    }
 
     def __init__(self, grid: int = 5) -> None:
         """Train on patches of a grid of this size."""

@@ -85,8 +85,8 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
     Where a surface is certain but not how deep it lies, its occupancy is spread over a few sub-voxels, none of which
     is likely by itself. So three in a row are taken together, across the surface: along the axis on which the two
-    neighbours are least occupied, since along the surface they are as occupied as what lies between them. Of the
-    three the likeliest is where the surface is put.
+    neighbours are least occupied (the less occupied counts twice), since along the surface they are as occupied as
+    what lies between them. Of the three the likeliest is where the surface is put.
 
     Args:
         occupancy: (X, Y, Z) of the sub-voxels.
@@ -105,11 +105,12 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     across = torch.zeros_like(occupancy, dtype=torch.int8)
     for axis in range(3):
         before, after = (
-            padded[tuple(beside if other == axis else inner for other in range(3))]
-            for beside in (slice(None, -2), slice(2, None))
+            padded[tuple(shifted if other == axis else inner for other in range(3))]
+            for shifted in (slice(None, -2), slice(2, None))
         )
-        less = before + after < least
-        least = torch.where(less, before + after, least)
+        beside = before + after + torch.minimum(before, after)
+        less = beside < least
+        least = torch.where(less, beside, least)
         others = torch.where(less, before + after - before * after, others)
         ridge = torch.where(less, occupancy >= torch.maximum(before, after), ridge)
         across = torch.where(less, axis, across)

@@ -158,7 +158,7 @@ def test_a_few_steps_on_one_pair_lower_its_loss(name, pair):
 def test_the_discriminator_learns_at_half_the_rate():
     trainee = TRAINEES["color"]
     painter, judge = trainee.parameter_groups(trainee.network())
-    assert trainee.presets["default"].learning_rate == 2e-4 and "rate" not in painter and judge["rate"] == 0.5
+    assert trainee.presets["published"].learning_rate == 2e-4 and "rate" not in painter and judge["rate"] == 0.5
 
 
 def test_pairs_without_colors_are_painted_as_the_truth_is(pair):
