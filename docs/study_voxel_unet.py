@@ -1,6 +1,11 @@
-"""What each part of voxel_unet's training brings, at equal steps: the tables of docs/completers/voxel_unet.md.
+"""What each part of voxel_unet brings: the tables of docs/completers/voxel_unet.md.
 
-    python docs/study_voxel_unet.py OUT [--folder SCANS] [--more 120] [--steps 300] [--only NAME ...]
+    python docs/study_voxel_unet.py [--folder SCANS] rules
+    python docs/study_voxel_unet.py [--folder SCANS] training OUT [--more 120] [--steps 300] [--only NAME ...]
+
+`rules`: the network in the package with one rule of what is made of its answers left out at a time; nothing is trained.
+
+`training`, at equal steps:
 
 Augmentations and voxels: the network in the package is trained on for `--more` steps with one thing left out or
 changed, on pairs that it did not see; what it then does worse, that thing had brought. Sizes of the network: each is
@@ -16,13 +21,19 @@ import argparse
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import torch
+from pcdbench_completers.voxel_unet import completer as rules_of
+from pcdbench_completers.voxel_unet import tiles
 from pcdbench_completers.voxel_unet.completer import SHIPPED_WEIGHTS, VOXEL_SPACINGS
 from pcdbench_completers.voxel_unet.network import WIDTHS, VoxelUNet
+from pcdbench_completers.voxel_unet.tiles import surface
 from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
-from torch import nn
+from pcdbench_tasks.ssim import Ssim
+from torch import Tensor
+from torch.nn import functional as F
 
 from pcdbench.case import Case, make_case
 from pcdbench.completer import Completer
@@ -76,19 +87,13 @@ VARIANTS = {
 }
 
 
-class Continued(VoxelUNetTrainee):
-    """Goes on from the weights in the package."""
-
-    def network(self) -> nn.Module:
-        return Weights(SHIPPED_WEIGHTS, "", "voxel_unet").load_into(VoxelUNet())
-
-
 def trained(variant: Variant, trainee: VoxelUNetTrainee, out: Path, steps: int) -> VoxelUNet:
     """The network of a variant, trained unless it is there."""
     done = out / "done"
     if not done.exists():
         stream = PairStream(seed=0 if variant.fresh else 1, recipe=variant.recipe)
-        train(trainee, out, Budget(steps=steps), stream=stream, resume=True)
+        start = None if variant.fresh else Weights(SHIPPED_WEIGHTS, "", "voxel_unet")
+        train(trainee, out, Budget(steps=steps), stream=stream, start=start, resume=True)
         done.touch()
     weights = Weights(SHIPPED_WEIGHTS, str(out / "weights.safetensors"), "voxel_unet")
     return weights.load_into(VoxelUNet(variant.widths)).eval()
@@ -145,28 +150,95 @@ def entropy(trainee: VoxelUNetTrainee, network: VoxelUNet, pairs: Sequence[Train
     return 100 * float(np.mean(found))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--more", type=int, default=120, help="steps from the weights in the package")
-    parser.add_argument("--steps", type=int, default=300, help="steps from nothing")
-    parser.add_argument("--folder", type=Path, help="real scans, to be measured on")
-    parser.add_argument("--only", nargs="*", default=list(VARIANTS), choices=list(VARIANTS))
-    arguments = parser.parse_args()
-    places = {"generated rooms": generated(), "with natural gaps": with_gaps(generated())}
-    if arguments.folder is not None:
-        places["real rooms"] = real(arguments.folder)
-    measured = {place: cases(scenes) for place, scenes in places.items()}
+def ssim(completer: Completer, by_level: dict[float, list[tuple[Case, float]]]) -> list[float]:
+    """At each level, the median SSIM."""
+    rng = np.random.default_rng
+    return [
+        float(
+            np.median(
+                [
+                    Ssim().evaluate(case, completer.complete(case.cloud, rng(0)), rng(0)).samples["ssim"]
+                    for case, _ in made
+                ]
+            )
+        )
+        for made in by_level.values()
+    ]
+
+
+def across_most(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """As `tiles.surface`, but along the axis on which the neighbours are most occupied: along the surface, then."""
+    probability, ridge, across = surface(-occupancy)
+    padded = F.pad(occupancy, (1,) * 6)
+    inner = slice(1, -1)
+    for axis in range(3):
+        before, after = (
+            padded[tuple(shifted if other == axis else inner for other in range(3))]
+            for shifted in (slice(None, -2), slice(2, None))
+        )
+        its = across == axis
+        probability = torch.where(its, 1 - (1 - occupancy) * (1 - before) * (1 - after), probability)
+        ridge = torch.where(its, occupancy >= torch.maximum(before, after), ridge)
+    return probability, ridge, across
+
+
+def study_rules(measured: dict[str, dict[float, list[tuple[Case, float]]]]) -> None:
+    """The table of what each rule brings."""
+    rules: dict[str, tuple[ModuleType, str, object]] = {
+        "nothing left out": (tiles, "HALO", tiles.HALO),
+        "added outside of the prism, too": (rules_of, "BEYOND", np.inf),
+        "surface not looked for across it": (tiles, "surface", across_most),
+        "how much is missing not asked": (rules_of, "MAX_SHIFT", 1.0),
+        "colours of the network alone": (rules_of, "CONTINUED_REACH", 1e-9),
+    }
+    print(f"| | {' | '.join(f'{place}: ChD | SSIM' for place in measured)} |\n|---|{'---|---|' * len(measured)}")
+    for name, (module, constant, value) in rules.items():
+        usual = getattr(module, constant)
+        setattr(module, constant, value)
+        completer = rules_of.VoxelUNetCompleter()
+        cells = []
+        for made in measured.values():
+            cells += [" / ".join(f"{ratio:.2f}" for ratio in ratios(completer, made))]
+            cells += [" / ".join(f"{value:.2f}" for value in ssim(completer, made))]
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+        setattr(module, constant, usual)
+
+
+def study_training(arguments: argparse.Namespace, measured: dict[str, dict[float, list[tuple[Case, float]]]]) -> None:
+    """The table of what is trained with something left out or changed."""
     pairs = [PairStream(seed=2)[index] for index in HELD_OUT]
     print(f"| | steps | entropy | {' | '.join(measured)} |\n|---|---|---|{'---|' * len(measured)}")
     for name in arguments.only:
         variant = VARIANTS[name]
         steps = arguments.steps if variant.fresh else arguments.more
-        trainee = (VoxelUNetTrainee if variant.fresh else Continued)(variant.widths, variant.voxel_spacings)
+        trainee = VoxelUNetTrainee(variant.widths, variant.voxel_spacings)
         network = trained(variant, trainee, arguments.out / name.replace(" ", "_"), steps)
         completer = trainee.completer(network)
         cells = [" / ".join(f"{ratio:.2f}" for ratio in ratios(completer, made)) for made in measured.values()]
         print(f"| {name} | {steps} | {entropy(trainee, network, pairs):.2f} | {' | '.join(cells)} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--folder", type=Path, help="real scans, to be measured on")
+    studies = parser.add_subparsers(dest="study", required=True)
+    studies.add_parser("rules")
+    training = studies.add_parser("training")
+    training.add_argument("out", type=Path)
+    training.add_argument("--more", type=int, default=120, help="steps from the weights in the package")
+    training.add_argument("--steps", type=int, default=300, help="steps from nothing")
+    training.add_argument("--only", nargs="*", default=list(VARIANTS), choices=list(VARIANTS))
+    arguments = parser.parse_args()
+    places = {"generated rooms": generated()}
+    if arguments.study == "training":
+        places["with natural gaps"] = with_gaps(generated())
+    if arguments.folder is not None:
+        places["real rooms"] = real(arguments.folder)
+    measured = {place: cases(scenes) for place, scenes in places.items()}
+    if arguments.study == "rules":
+        study_rules(measured)
+    else:
+        study_training(arguments, measured)
 
 
 if __name__ == "__main__":

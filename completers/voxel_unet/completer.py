@@ -32,7 +32,7 @@ UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was o
 BEYOND = 1.0  # spacings outside of the prism around what was observed, from which on nothing is added
 LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
 # Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
-USUAL_SHARE = 0.065
+USUAL_SHARE = 0.44
 MAX_SHIFT = 6.0  # by what odds are multiplied, or divided, at most
 # Spacings over which, e-fold, the nearest observed color fades into the observed ones' smooth continuation, and that
 # into the network's.

@@ -29,6 +29,9 @@ def build(
         int,
         typer.Option(help="Scenes of each data set whose clouds the page holds, at every level; 0 for none.", min=0),
     ] = 1,
+    update: Annotated[
+        bool, typer.Option("--update", help="Put the runs' completers into the board that is there; keep the others.")
+    ] = False,
 ) -> None:
     """Merge runs into a leaderboard: leaderboard.json, README.md, index.html, figures, leaderboard.csv and .parquet.
 
@@ -42,6 +45,11 @@ def build(
     from pcdbench.leaderboard.publishing import publish
 
     board = board_of_runs(out.resolve().name, runs)
+    if update:
+        from pcdbench.leaderboard.board_file import read_board
+        from pcdbench.leaderboard.updating import updated
+
+        board = updated(read_board(out), board)
     clouds, problems = clouds_of_page(board, cases, data_paths(runs))
     for problem in problems:
         typer.echo(f"pcdbench: without clouds: {problem}", err=True)

@@ -33,7 +33,7 @@ from pcdbench.runner.rows import cost_measured
 KEY_DIGITS = 16
 _FACTS = ("time", "git", "machine", "packages", "workers")
 
-_Table = tuple[int, str, float, str]
+Table = tuple[int, str, float, str]
 
 
 def board_of_runs(name: str, folders: Iterable[Path]) -> Board:
@@ -79,7 +79,7 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
         for (case, label), its in sorted(by_cell.items(), key=lambda item: (item[0][0], position[item[0][1]]))
     ]
     ordered_cases = [cases[case] for case in order]
-    rankings = _rankings(ordered_cases, cells, {its.label: its for its in completers}, {its.name: its for its in tasks})
+    rankings = rankings_of(ordered_cases, cells, completers, tasks)
     labelled: dict[int, list[Mapping[str, Any]]] = defaultdict(list)
     for one in merged:
         completer = one.row["completer"] | {"name": label_of[id(one.row["completer"])]}
@@ -99,11 +99,7 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
         cases=tuple(ordered_cases),
         cells=tuple(cells),
         standings=tuple(standings),
-        comparisons=tuple(
-            Comparison(*table, its.first, its.second, its.difference, its.cases, its.better)
-            for table, of_table in rankings.items()
-            for its in of_table.differences
-        ),
+        comparisons=comparisons_of(rankings),
     )
 
 
@@ -244,13 +240,15 @@ def _result(row: Mapping[str, Any]) -> BoardResult:
     return BoardResult(row["key"][:KEY_DIGITS], row["status"], row["error"], values, main)
 
 
-def _rankings(
+def rankings_of(
     cases: Sequence[BoardCase],
     cells: Sequence[BoardCell],
-    completer_of: Mapping[str, BoardCompleter],
-    task_of: Mapping[str, BoardTask],
-) -> dict[_Table, Ranking]:
-    tables: dict[_Table, dict[str, list[Tried]]] = defaultdict(lambda: defaultdict(list))
+    completers: Sequence[BoardCompleter],
+    tasks: Sequence[BoardTask],
+) -> dict[Table, Ranking]:
+    """Who is shown to be better than whom, by table: (data, incompleteness, level, task)."""
+    completer_of, task_of = {its.label: its for its in completers}, {its.name: its for its in tasks}
+    tables: dict[Table, dict[str, list[Tried]]] = defaultdict(lambda: defaultdict(list))
     for cell in cells:
         case = cases[cell.case]
         for task, result in cell.results.items():
@@ -267,15 +265,22 @@ def _rankings(
     return rankings
 
 
+def comparisons_of(rankings: Mapping[Table, Ranking]) -> tuple[Comparison, ...]:
+    """The differences between completers that rankings were made from."""
+    return tuple(
+        Comparison(*table, its.first, its.second, its.difference, its.cases, its.better)
+        for table, of_table in rankings.items()
+        for its in of_table.differences
+    )
+
+
 def _standings(
     data: int,
     rows: Sequence[Mapping[str, Any]],
-    rankings: Mapping[_Table, Ranking],
+    rankings: Mapping[Table, Ranking],
     completers: Sequence[BoardCompleter],
     tasks: Sequence[BoardTask],
 ) -> list[Standing]:
-    position = {its.label: number for number, its in enumerate(completers)}
-    metric_position = {(task.name, metric.name): number for task in tasks for number, metric in enumerate(task.metrics)}
     found = []
     for line in summarize(rows).to_dict("records"):
         table = (data, line["incompleteness"], line["level"], line["task"])
@@ -304,8 +309,17 @@ def _standings(
                 memory_mb=line["memory_mb"],
             )
         )
+    return in_order(found, completers, tasks)
+
+
+def in_order(
+    standings: Iterable[Standing], completers: Sequence[BoardCompleter], tasks: Sequence[BoardTask]
+) -> list[Standing]:
+    """Standings of one data set as a board has them: table by table, metrics and completers in the board's order."""
+    position = {its.label: number for number, its in enumerate(completers)}
+    metric_position = {(task.name, metric.name): number for task in tasks for number, metric in enumerate(task.metrics)}
     return sorted(
-        found,
+        standings,
         key=lambda its: (
             its.incompleteness,
             its.level,

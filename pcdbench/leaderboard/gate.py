@@ -95,8 +95,8 @@ def check(committed: Board, fresh: Board) -> Verdict:
     Raises:
         PcdbenchError: where both have too few cases in common.
     """
-    changed = list(_changed_protocols(committed, fresh))
-    pairs = _pairs(committed, fresh)
+    changed = list(changed_protocols(committed, fresh))
+    pairs = paired(committed, fresh)
     cases = {pair.case for its in pairs.values() for pair in its}
     if len(cases) < FEWEST_CASES and not changed:
         raise PcdbenchError(
@@ -107,7 +107,7 @@ def check(committed: Board, fresh: Board) -> Verdict:
     findings = [*changed, *_unmatched(committed, fresh)]
     if "" not in altered:
         findings += _lost(pairs, altered)
-        findings += _reference_changes(committed, pairs, altered)
+        findings += reference_changes(committed, pairs, altered)
         altered |= {finding.task for finding in findings if finding.kind == "changed"}
         findings += _value_changes(committed, pairs, altered)
         findings += _time_changes(committed, fresh, pairs)
@@ -118,7 +118,7 @@ def check(committed: Board, fresh: Board) -> Verdict:
     return Verdict(committed.name, len(cases), tuple(compared), tuple(order))
 
 
-def _changed_protocols(committed: Board, fresh: Board) -> Iterator[Finding]:
+def changed_protocols(committed: Board, fresh: Board) -> Iterator[Finding]:
     """What of the protocols is another; with an empty task where nothing can be compared."""
     for kind, olds, news in (
         ("data set", {its.dataset: its for its in committed.data}, {its.dataset: its for its in fresh.data}),
@@ -147,14 +147,14 @@ def _version(protocol: Any) -> str:
     return f"version {protocol.version}" + (f" ({options})" if options else "")
 
 
-def _pairs(committed: Board, fresh: Board) -> dict[str, list[_Pair]]:
+def paired(committed: Board, fresh: Board) -> dict[str, list[_Pair]]:
     """By the committed board's label, the cells that both have."""
     label_of = {new.label: old.label for old, new in _matched(committed, fresh) if new is not None}
     found: dict[str, list[_Pair]] = {its.label: [] for its in committed.completers if its.label in label_of.values()}
-    old_cells = {(_case_key(committed, cell), cell.completer): cell for cell in committed.cells}
+    old_cells = {(case_key(committed, committed.cases[cell.case]), cell.completer): cell for cell in committed.cells}
     for cell in fresh.cells:
         label = label_of.get(cell.completer, "")
-        old = old_cells.get((_case_key(fresh, cell), label))
+        old = old_cells.get((case_key(fresh, fresh.cases[cell.case]), label))
         if old is not None:
             found[label].append(_Pair(committed.cases[old.case], old, cell))
     return found
@@ -169,8 +169,8 @@ def _matched(committed: Board, fresh: Board) -> Iterator[tuple[BoardCompleter, B
         yield old, named[0] if alone else same[0] if len(same) == 1 else None
 
 
-def _case_key(board: Board, cell: BoardCell) -> tuple:
-    case = board.cases[cell.case]
+def case_key(board: Board, case: BoardCase) -> tuple:
+    """What makes a case of one board that of another."""
     return board.data[case.data].dataset, case.scene, case.incompleteness, case.level, case.draw, case.seed
 
 
@@ -204,7 +204,7 @@ def _lost(pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[F
                 yield Finding("repaired", label, task, f"{task} of {label}: {found} cases are measured that were not")
 
 
-def _reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
+def reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
     """References do nothing that could get better or worse: where their values differ, what measures them does.
 
     A few cases that differ may be another machine's rounding, which registration can make large, and are a note.

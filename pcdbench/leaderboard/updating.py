@@ -1,0 +1,82 @@
+"""A board of which some completers were measured anew, or came to it: the others stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.board import Board
+from pcdbench.leaderboard.building import comparisons_of, in_order, rankings_of
+from pcdbench.leaderboard.gate import case_key, changed_protocols, paired, reference_changes
+
+
+def updated(board: Board, fresh: Board) -> Board:
+    """The board with the fresh one's completers, each in the place of all that the board had under its name.
+
+    References are not taken over: measured again beside the completers, they show that both boards measure alike.
+    Of the others their cells and standings stay; ranks and comparisons are made anew.
+
+    Args:
+        fresh: of runs of some or all of the board's cases and tasks.
+
+    Raises:
+        PcdbenchError: where it measures something else, or otherwise, than the board.
+    """
+    number = {case_key(board, case): at for at, case in enumerate(board.cases)}
+    strange = next((case for case in fresh.cases if case_key(fresh, case) not in number), None)
+    if strange is not None:
+        where = f"{strange.scene} ({strange.incompleteness}, {strange.level:.0%})"
+        raise PcdbenchError(f"the board {board.name} has no case {where}; run its suite, or build a board of its own")
+    for task in fresh.tasks:
+        if task.name not in board.task_of:
+            raise PcdbenchError(
+                f"the board {board.name} has no task {task.name}; leave it out, or build the board anew"
+            )
+    found = [*changed_protocols(board, fresh), *reference_changes(board, paired(board, fresh), set())]
+    changed = next((finding for finding in found if finding.kind == "changed"), None)
+    if changed is not None:
+        raise PcdbenchError(f"the runs do not measure as the board {board.name} does: {changed.told}")
+
+    ours = {its.label: its for its in fresh.completers if not its.reference}
+    names = {its.name for its in ours.values()}
+    kept = {its.label: its for its in board.completers if its.name not in names}
+    completers = tuple(sorted([*kept.values(), *ours.values()], key=lambda its: (not its.reference, its.label)))
+    position = {its.label: at for at, its in enumerate(completers)}
+    case_of = [number[case_key(fresh, case)] for case in fresh.cases]
+    taken = (
+        replace(cell, case=case_of[cell.case], run=len(board.runs) + cell.run)
+        for cell in fresh.cells
+        if cell.completer in ours
+    )
+    cells = sorted(
+        [*(cell for cell in board.cells if cell.completer in kept), *taken],
+        key=lambda cell: (cell.case, position[cell.completer]),
+    )
+    data_of = [next(at for at, its in enumerate(board.data) if _same(its, one)) for one in fresh.data]
+    rankings = rankings_of(board.cases, cells, completers, board.tasks)
+    main = {(task.name, metric.name) for task in board.tasks for metric in task.metrics if metric.main}
+    standings = []
+    for standing in [
+        *(its for its in board.standings if its.completer in kept),
+        *(replace(its, data=data_of[its.data]) for its in fresh.standings if its.completer in ours),
+    ]:
+        table = (standing.data, standing.incompleteness, standing.level, standing.task)
+        ranks = rankings[table].ranks if (standing.task, standing.metric) in main and table in rankings else {}
+        standings.append(replace(standing, rank=ranks.get(standing.completer)))
+    return replace(
+        board,
+        completers=completers,
+        runs=(*board.runs, *fresh.runs),
+        cells=tuple(cells),
+        standings=tuple(
+            standing
+            for at in range(len(board.data))
+            for standing in in_order((its for its in standings if its.data == at), completers, board.tasks)
+        ),
+        comparisons=comparisons_of(rankings),
+    )
+
+
+def _same(one: object, other: object) -> bool:
+    """Whether two `BoardData` are of one data set and split; which scenes they hold may differ."""
+    return all(getattr(one, name) == getattr(other, name) for name in ("dataset", "split"))

@@ -1,0 +1,67 @@
+"""Boards updated with some completers: as if everything had been run at once, and only where all measures alike."""
+
+from dataclasses import replace
+
+import pytest
+from runs_for_tests import full_row, store_run
+
+from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.board_file import board_json, read_board, write_board
+from pcdbench.leaderboard.building import board_of_runs
+from pcdbench.leaderboard.updating import updated
+
+SCENES = [f"room{number}" for number in range(7)]
+
+
+def rows_of(completer, base, scenes=SCENES, **more):
+    rows = []
+    for number, scene in enumerate(scenes):
+        for task, factor in (("task", 1.0), ("other", 3.0)):
+            samples = [factor * base + number, factor * base + number + 0.5]
+            rows.append(full_row(completer, samples, scene=scene, task=task, **more))
+            rows[-1]["metrics"]["minor"] = rows[-1]["metrics"]["error_m"] | {"main": False, "unit": "1"}
+    return rows
+
+
+def board(tmp_path, name, *rows, **facts):
+    return board_of_runs("b", [store_run(tmp_path / name, [row for its in rows for row in its], **facts)])
+
+
+def test_it_is_the_board_of_all_the_runs(tmp_path):
+    floor, a, b = rows_of("incomplete", 5.0), rows_of("a", 1.0), rows_of("b", 2.0)
+    old = board(tmp_path, "old", floor, rows_of("a", 9.0, version="0"), b, time="2026-01-01")
+    board(tmp_path, "new", floor, a, time="2026-01-02")
+    whole = board_of_runs("b", [store_run(tmp_path / "kept", [*floor, *b], time="2026-01-01"), tmp_path / "new"])
+    write_board(old, tmp_path / "board.json")
+    found = updated(read_board(tmp_path / "board.json"), board_of_runs("b", [tmp_path / "new"]))
+    assert [its.label for its in found.completers] == ["incomplete", "a", "b"]
+    assert [its.version for its in found.completers] == ["1", "1", "1"]
+    # Of the floor, measured in both runs, the older cost stays.
+    runs = {its.completer: its.run for its in found.cells}
+    assert runs == {"incomplete": 0, "a": 1, "b": 0}
+    same = [replace(its, run=runs[its.completer]) for its in whole.cells]
+    assert board_json(replace(whole, cells=tuple(same))) == board_json(found)
+    ranks = {(its.completer, its.metric): its.rank for its in found.standings if its.task == "task"}
+    assert ranks["a", "error_m"] == 1 and ranks["b", "error_m"] == 2 and ranks["a", "minor"] is None
+
+
+def test_a_completer_may_come_to_it_and_cover_less(tmp_path):
+    old = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 1.0))
+    found = updated(old, board(tmp_path, "new", rows_of("incomplete", 5.0, SCENES[:3]), rows_of("c", 0.5, SCENES[:3])))
+    assert {its.completer: its.cases for its in found.standings} == {"incomplete": 7, "a": 7, "c": 3}
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        (rows_of("incomplete", 6.0), "do not measure as the board b does: .*incomplete"),
+        (rows_of("a", 1.0, task_version="2"), "do not measure as the board b does: task"),
+        (rows_of("a", 1.0, ["room9"]), "has no case room9 .holes, 30%.; run its suite"),
+        (rows_of("a", 1.0, level=0.5), "has no case room0"),
+        ([row | {"task": row["task"] | {"name": "new"}} for row in rows_of("a", 1.0)[::2]], "has no task new"),
+    ],
+)
+def test_what_measures_otherwise_is_refused(tmp_path, rows, told):
+    old = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 1.0))
+    with pytest.raises(PcdbenchError, match=told):
+        updated(old, board(tmp_path, "new", rows))
