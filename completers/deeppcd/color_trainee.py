@@ -26,9 +26,9 @@ from .trainee import EPOCH, NEIGHBORHOODS
 PAINTED = 512  # points a patch
 NOISE = 0.01  # of the patch: completed points do not lie as exactly as true ones
 DISCRIMINATOR_RATE = 0.5  # of the generator's, as published: 1e-4 and 2e-4
-# Published: 1. Fooling a discriminator that has learned nothing yet then weighs a dozen times as much as being right,
-# and within hours of two cores the generator paints everything one grey (measured).
-FOOLING_WEIGHT = 0.01
+# Published: 1. Fooling a discriminator then weighs a dozen times as much as being right, and within hours of two cores
+# the generator paints everything one grey (measured).
+FOOLING_WEIGHT = 0.001
 
 
 class ColorTrainee(Trainee):

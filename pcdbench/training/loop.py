@@ -238,7 +238,9 @@ def _step(
             losses = trainee.loss(network, moved)
         accelerator.backward(losses["loss"] / len(examples))
         progress.losses({name: float(value.detach()) for name, value in losses.items()})
-    accelerator.clip_grad_norm_(network.parameters(), CLIP)
+    # Each group by itself: of a network of two sides, as of a GAN, one side's gradients do not shrink the other's.
+    for group in optimizer.param_groups:
+        accelerator.clip_grad_norm_(group["params"], CLIP)
     optimizer.step()
 
 

@@ -50,6 +50,13 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path):
     assert held.stdout.splitlines()[-1].startswith("tiny holds: nothing got worse")
     assert "✅" in (tmp_path / "out" / "summary.md").read_text()
 
+    before = (folder / "leaderboard.csv").read_text()
+    run("leaderboard", "build", "runs/tiny", "-o", "boards/tiny", "--update")
+    assert (folder / "leaderboard.csv").read_text() == before
+    assert [its["label"] for its in json.loads((folder / "leaderboard.json").read_text())["completers"]][
+        -1
+    ] == "tiny_fill"
+
     path = folder / "leaderboard.json"
     content = json.loads(path.read_text())
     for cell in content["cells"]:
@@ -66,6 +73,7 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path):
     ("arguments", "message"),
     [
         (["build", "nowhere", "-o", "board"], "nowhere is not a run"),
+        (["build", "nowhere", "-o", "board", "--update"], "nowhere is not a run"),
         (["check", "nowhere"], "nowhere is not there; make it with: pcdbench leaderboard build"),
     ],
 )
