@@ -50,13 +50,13 @@ class VoxelUNetCompleter(LearnedCompleter):
     """
 
     class Options(pcdbench.Options):
-        threshold: float = Field(0.3, gt=0, lt=1, description="probability above which surface is added")
+        threshold: float = Field(0.35, gt=0, lt=1, description="probability above which surface is added")
         weights: str = Field(
             "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
         )
 
     options: Options
-    version = "2"
+    version = "3"
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
 
     def __init__(
