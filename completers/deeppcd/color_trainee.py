@@ -57,6 +57,9 @@ class ColorTrainee(Trainee):
             {"params": list(network.discriminator.parameters()), "rate": DISCRIMINATOR_RATE},
         ]
 
+    def completes(self, tensor: str) -> bool:
+        return not tensor.startswith("discriminator.")
+
     def completer(self, network: nn.Module) -> pcdbench.Completer:
         """A completer that paints anew what is there and completes nothing: its Chamfer distance is the input's."""
         assert isinstance(network, ColorNetwork)

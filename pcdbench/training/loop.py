@@ -184,7 +184,8 @@ def train(
 
     def save() -> None:
         save_checkpoint(checkpoint, plain, average, optimizer, vars(progress))
-        save_weights(out / "weights.safetensors", average)
+        weights = {name: value for name, value in average.items() if trainee.completes(name)}
+        save_weights(out / "weights.safetensors", weights)
         curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
 
     try:

@@ -81,6 +81,10 @@ class Trainee(ABC):
         """The optimizer's groups: each its `params` and, where it differs, `rate`, a factor on the learning rate."""
         return [{"params": list(network.parameters())}]
 
+    def completes(self, tensor: str) -> bool:
+        """Whether the network needs this tensor to complete; what only its training needs is left out of the weights."""
+        return True
+
     @abstractmethod
     def completer(self, network: nn.Module) -> Completer:
         """A completer that uses this network, for validation."""

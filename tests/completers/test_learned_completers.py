@@ -202,6 +202,18 @@ def test_a_run_tells_what_it_leaves_out_in_one_line_for_all_without_weights(monk
     assert "one, two (" in lines[1] and "asked_for" not in lines[1]
 
 
+def test_the_color_network_in_the_package_paints_what_was_not_observed(room):
+    """Where nothing was observed, and nowhere else."""
+    kept = np.linalg.norm(room.points - room.points[0], axis=1) > 1.0
+    cloud = room.select(kept)
+    painted = DeepPCD(DeepPCDOptions(color="network")).complete(cloud, rng())
+    nearest = DeepPCD().complete(cloud, rng())
+    assert np.array_equal(painted.points, nearest.points)
+    other = np.any(painted.colors != nearest.colors, axis=1)
+    assert 0.02 < other.mean() < 0.9
+    assert painted.colors.min() >= 0 and painted.colors.max() <= 1
+
+
 def test_missing_weights_of_a_part_name_the_options_they_are_given_by(monkeypatch, tmp_path, networks):
     monkeypatch.setattr(deeppcd, "SHIPPED_COLOR", tmp_path / "color.safetensors")
     with pytest.raises(PcdbenchError, match=r"train deeppcd\.color .*--option deeppcd\.color_weights=DIR"):

@@ -153,6 +153,16 @@ def test_a_checkpoint_of_another_network_is_refused(tmp_path: Path) -> None:
         trained(tmp_path, 4, resume=True)
 
 
+def test_what_only_training_needs_is_left_out_of_the_weights(tmp_path: Path) -> None:
+    class Half(HeightTrainee):
+        def completes(self, tensor: str) -> bool:
+            return tensor.startswith("0.")
+
+    train(Half(), tmp_path, Budget(steps=1), workers=0, report=lambda _: None, device="cpu")
+    weights = Weights(tmp_path / "weights.safetensors", str(tmp_path / "weights.safetensors"), "half")
+    assert set(weights.tensors()) == {"0.weight", "0.bias"}
+
+
 def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
     preset = HeightTrainee.presets["default"]
     first, second = tmp_path / "first", tmp_path / "second"
