@@ -45,7 +45,11 @@ class Prism:
 
     def side_depth(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) metres from (N, 2) places in the plan to the nearest side, negative outside."""
-        return -(plan @ self.sides[:, :2].T + self.sides[:, 2]).max(axis=1)
+        depth = np.full(len(plan), np.inf)
+        # Side by side: all at once would take memory for each side.
+        for x, y, offset in self.sides:
+            np.minimum(depth, -(x * plan[:, 0] + y * plan[:, 1] + offset), out=depth)
+        return depth
 
     def depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) metres from (N, 3) points to the nearest face, negative outside."""

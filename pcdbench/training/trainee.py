@@ -82,7 +82,7 @@ class Trainee(ABC):
         return [{"params": list(network.parameters())}]
 
     def completes(self, tensor: str) -> bool:
-        """Whether the network needs this tensor to complete; what only its training needs is left out of the weights."""
+        """Whether completing needs this tensor; what only training needs is left out of the weights."""
         return True
 
     @abstractmethod

@@ -38,7 +38,7 @@ _NAME = re.compile(r"(?P<stream>env|train)(?P<index>\d{3}|\d{6})_crop(?P<crop>[0
 
 
 class Indoor(Dataset):
-    """Generated indoor environments, scanned as a survey would scan them; the same on every machine.
+    """Generated indoor environments, scanned as a survey would scan them; the same rooms on every machine.
 
     Environments with even numbers are large (corridors, hallways, lobbies, open-plan floors), those with odd
     numbers small (offices, meeting rooms, classrooms, kitchens, lounges, store rooms). Splits never share one.
