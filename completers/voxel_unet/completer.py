@@ -33,7 +33,7 @@ BEYOND = 1.0  # spacings outside of the prism around what was observed, from whi
 LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
 # Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
 USUAL_SHARE = 0.44
-MAX_SHIFT = 6.0  # by what odds are multiplied, or divided, at most
+MAX_SHIFT = 3.0  # by what odds are multiplied, or divided, at most: one small hole in a whole room is a hole, too
 # Spacings over which, e-fold, the nearest observed color fades into the observed ones' smooth continuation, and that
 # into the network's.
 NEAREST_REACH, CONTINUED_REACH = 3.0, 40.0
