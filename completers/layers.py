@@ -15,22 +15,11 @@ from pcdbench.threads import at_once, thread_count
 FEW = 8  # inputs of a point, at most, that are coordinates
 
 
-def _begun(layer: nn.Linear) -> nn.Linear:
-    """The layer, before a ReLU, as He et al. (ICCV 2015) begin it: what differs between inputs is not lost on the way.
-
-    Torch's own weights are a third as large (in variance): after eight layers all inputs give nearly the same, and
-    the first hundreds of steps pass before a patch's feature says anything of the patch.
-    """
-    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-    nn.init.zeros_(layer.bias)
-    return layer
-
-
 class SharedMLP(nn.Sequential):
     """Linear layers of these widths, each with a ReLU, shared by all points (..., widths[0]) -> (..., widths[-1])."""
 
     def __init__(self, *widths: int) -> None:
-        super().__init__(*(_begun(nn.Linear(before, after)) for before, after in pairwise(widths)))
+        super().__init__(*(nn.Linear(before, after) for before, after in pairwise(widths)))
 
     def forward(self, x: Tensor) -> Tensor:
         flat = x.flatten(0, -2)
@@ -101,7 +90,6 @@ class SplitLinear(nn.Linear):
     def __init__(self, point: int, shared: int, out: int) -> None:
         super().__init__(point + shared, out)
         self.point = point
-        _begun(self)
 
     def forward(self, points: Tensor, shared: Tensor) -> Tensor:  # type: ignore[override]
         """(P, K, point) and (P, shared) to (P, K, out)."""

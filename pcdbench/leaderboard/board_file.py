@@ -139,7 +139,8 @@ def _require_whole(board: Board) -> None:
         require(table.task in metrics, f"task {table.task}")
     for standing in board.standings:
         require(standing.completer in board.completer_of, f"completer {standing.completer}")
-        require(standing.metric in metrics[standing.task], f"metric {standing.metric}")
+        # A table in which nothing could be measured has no metric.
+        require(not standing.metric or standing.metric in metrics[standing.task], f"metric {standing.metric}")
 
 
 def _plain(value: Any) -> Any:

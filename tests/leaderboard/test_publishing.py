@@ -187,3 +187,13 @@ def test_numbers_that_are_none_stay_none(board, tmp_path):
     write_board(board, tmp_path / "leaderboard.json")
     (broken,) = [its for its in read_board(tmp_path).standings if its.completer == "broken"]
     assert broken.mean is None and math.isnan(broken.seconds)
+
+
+def test_a_board_with_a_task_that_measured_nothing_can_be_read_back(tmp_path):
+    rows = [full_row(name, [1.0], scene=f"room{number}") for name in ("a", "b") for number in range(3)]
+    rows += [
+        full_row("a", scene=f"room{number}", task="idle", status="skipped", error="no boxes") for number in range(3)
+    ]
+    board = board_of_runs("b", [store_run(tmp_path / "run", rows)])
+    write_board(board, tmp_path / "leaderboard.json")
+    assert board_json(read_board(tmp_path / "leaderboard.json")) == board_json(board)
