@@ -43,14 +43,20 @@ def with_holes(cloud, level, seed):
 
 @pytest.mark.parametrize(("completer", "strength"), [("plane_fitting", -0.2), ("hole_filling", -0.4)])
 def test_errors_fall_with_confidence(completer, strength):
-    # A room that the formula was not chosen on.
-    scene = Indoor().scene(Indoor().scene_names("smoke")[0])
-    thin = scene.complete.select(poisson_disk_indices(scene.complete.points, 9000, np.random.default_rng(0)))
-    done = pcdbench.complete(with_holes(thin, 0.4, 1), completer)
-    error, trust = distance_to_surface(scene, done.added_cloud.points), done.confidence[done.added]
-    order, third = np.argsort(trust), len(trust) // 3
-    assert spearmanr(trust, error)[0] < strength
-    assert error[order[-third:]].mean() < 0.5 * error[order[:third]].mean()
+    # Rooms that the formula was not chosen on; one draw of holes in one room says little of either.
+    found = []
+    for name in Indoor().scene_names("smoke"):
+        scene = Indoor().scene(name)
+        thin = scene.complete.select(poisson_disk_indices(scene.complete.points, 9000, np.random.default_rng(0)))
+        for seed in (1, 2, 3):
+            done = pcdbench.complete(with_holes(thin, 0.4, seed), completer)
+            error, trust = distance_to_surface(scene, done.added_cloud.points), done.confidence[done.added]
+            order, third = np.argsort(trust), len(trust) // 3
+            thirds = error[order[-third:]].mean() / error[order[:third]].mean()
+            found.append((spearmanr(trust, error)[0], thirds))
+    correlation, thirds = np.mean(found, axis=0)
+    assert correlation < strength
+    assert thirds < 0.5
 
 
 def plane(spacing_m=0.05, size_m=4.0, height_m=0.0):
