@@ -33,7 +33,6 @@ from pcdbench_completers.voxel_unet.tiles import surface
 from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
 from pcdbench_tasks.ssim import Ssim
 from torch import Tensor
-from torch.nn import functional as F
 
 from pcdbench.case import Case, make_case
 from pcdbench.completer import Completer
@@ -169,13 +168,7 @@ def ssim(completer: Completer, by_level: dict[float, list[tuple[Case, float]]]) 
 def across_most(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """As `tiles.surface`, but along the axis on which the neighbours are most occupied: along the surface, then."""
     probability, ridge, across = surface(-occupancy)
-    padded = F.pad(occupancy, (1,) * 6)
-    inner = slice(1, -1)
-    for axis in range(3):
-        before, after = (
-            padded[tuple(shifted if other == axis else inner for other in range(3))]
-            for shifted in (slice(None, -2), slice(2, None))
-        )
+    for axis, (before, after) in enumerate(tiles.neighbors(occupancy)):
         its = across == axis
         probability = torch.where(its, 1 - (1 - occupancy) * (1 - before) * (1 - after), probability)
         ridge = torch.where(its, occupancy >= torch.maximum(before, after), ridge)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -96,18 +97,11 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         (X, Y, Z) mask of the likeliest of their three; and the (X, Y, Z) int8 axis.
     """
     import torch
-    from torch.nn import functional as F
 
-    padded = F.pad(occupancy, (1,) * 6)
-    inner = slice(1, -1)
     least = torch.full_like(occupancy, torch.inf)
     others, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
     across = torch.zeros_like(occupancy, dtype=torch.int8)
-    for axis in range(3):
-        before, after = (
-            padded[tuple(shifted if other == axis else inner for other in range(3))]
-            for shifted in (slice(None, -2), slice(2, None))
-        )
+    for axis, (before, after) in enumerate(neighbors(occupancy)):
         beside = before + after + torch.minimum(before, after)
         less = beside < least
         least = torch.where(less, beside, least)
@@ -115,6 +109,19 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         ridge = torch.where(less, occupancy >= torch.maximum(before, after), ridge)
         across = torch.where(less, axis, across)
     return occupancy + others - occupancy * others, ridge, across
+
+
+def neighbors(occupancy: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
+    """Along x, y and z: what lies before and after each cell of an (X, Y, Z) grid, zero beyond its borders."""
+    from torch.nn import functional as F
+
+    padded = F.pad(occupancy, (1,) * 6)
+    for axis in range(3):
+        before, after = (
+            padded[tuple(shifted if other == axis else slice(1, -1) for other in range(3))]
+            for shifted in (slice(None, -2), slice(2, None))
+        )
+        yield before, after
 
 
 def _rows_by_block(points: NDArray[np.float64], grid: Grid) -> dict[tuple[int, ...], NDArray[np.int64]]:

@@ -52,7 +52,8 @@ def updated(board: Board, fresh: Board) -> Board:
         [*(cell for cell in board.cells if cell.completer in kept), *taken],
         key=lambda cell: (cell.case, position[cell.completer]),
     )
-    data_of = [next(at for at, its in enumerate(board.data) if _same(its, one)) for one in fresh.data]
+    places = [(its.dataset, its.split) for its in board.data]
+    data_of = [places.index((its.dataset, its.split)) for its in fresh.data]
     rankings = rankings_of(board.cases, cells, completers, board.tasks)
     main = {(task.name, metric.name) for task in board.tasks for metric in task.metrics if metric.main}
     standings = []
@@ -75,8 +76,3 @@ def updated(board: Board, fresh: Board) -> Board:
         ),
         comparisons=comparisons_of(rankings),
     )
-
-
-def _same(one: object, other: object) -> bool:
-    """Whether two `BoardData` are of one data set and split; which scenes they hold may differ."""
-    return all(getattr(one, name) == getattr(other, name) for name in ("dataset", "split"))
