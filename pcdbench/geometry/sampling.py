@@ -13,7 +13,12 @@ RADIUS_STEP = 0.95
 MAX_STEPS = 60
 
 
-def poisson_disk_indices(points: NDArray[np.float64], count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+def poisson_disk_indices(
+    points: NDArray[np.float64],
+    count: int,
+    rng: np.random.Generator | None = None,
+    order: NDArray[np.int64] | None = None,
+) -> NDArray[np.int64]:
     """(count,) sorted rows of `points`: a subset spaced evenly, whatever the density of the source.
 
     Dart throwing with random priorities: a point is taken if no point of higher priority lies within the
@@ -24,7 +29,8 @@ def poisson_disk_indices(points: NDArray[np.float64], count: int, rng: np.random
     Args:
         points: (N, 3) metres.
         count: how many to take; all rows are returned where it is N or more.
-        rng: decides the priorities.
+        rng: decides the priorities, where they are not told by
+        order: (N,) the rows, that of highest priority first.
     """
     total = len(points)
     if count >= total:
@@ -32,7 +38,8 @@ def poisson_disk_indices(points: NDArray[np.float64], count: int, rng: np.random
     if count <= 0:
         return np.empty(0, np.int64)
     centered = np.asarray(points, np.float64) - points.min(axis=0)
-    order = rng.permutation(total)
+    if order is None:
+        order = np.random.default_rng(rng).permutation(total)
     edge, voxels = _voxels_for(centered, count)
     candidates = _first_per_voxel(voxels, order, CANDIDATES_PER_VOXEL)
     radius = 0.9 * edge

@@ -14,8 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
+from pcdbench.geometry.neighbors import nearest
 from pcdbench.geometry.sampling import first_of_each
 from pcdbench.training.truths import Truth
+
+STATION_STEP_RAD = 0.012  # a scanner's ray at the density of truths
+WALL_POINTS_M2 = 1000
 
 Points = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -54,6 +58,8 @@ def augmented(truth: Truth, rng: np.random.Generator, recipe: Recipe = FULL) -> 
     if recipe.ghosts:
         truth = with_ghosts(truth, rng)
     if recipe.gaps:
+        truth = with_notch(truth, rng)
+        truth = truth.select(seen_from_stations(truth.cloud.points, rng))
         truth = truth.select(natural_gaps(truth.cloud.points, rng))
     if recipe.density:
         truth = truth.select(far_thinned(truth.cloud.points, rng))
@@ -68,8 +74,9 @@ def augmented(truth: Truth, rng: np.random.Generator, recipe: Recipe = FULL) -> 
 def natural_gaps(points: Points, rng: np.random.Generator) -> Mask:
     """(N,) mask of the points that a flawed survey would still have: at least a third of them.
 
-    Balls (missed spots), shadow cones behind them as seen from a scanner, half spaces (a missing ceiling or part
-    of it, ends cut off in any direction), slabs, and next rooms that show through a doorway as a wedge.
+    Balls (missed spots), discs of the floor (below a scanner), shadow cones behind them as seen from a scanner, half
+    spaces (a missing ceiling or part of it, ends cut off in any direction), slabs, and next rooms that show through
+    a doorway as a wedge.
     """
     seen = np.ones(len(points), dtype=bool)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -78,6 +85,11 @@ def natural_gaps(points: Points, rng: np.random.Generator) -> Mask:
         center = points[rng.integers(len(points))]
         radius = rng.uniform(0.1, 0.9)
         seen &= _squared(points - center) > radius**2
+    if rng.random() < 0.25:
+        on_floor = np.flatnonzero(points[:, 2] < low[2] + 0.15)
+        for _ in range(rng.integers(1, 4)):
+            below = points[on_floor[rng.integers(len(on_floor))], :2]
+            seen[on_floor[_squared(points[on_floor, :2] - below) < rng.uniform(0.3, 1.2) ** 2]] = False
     for _ in range(rng.integers(0, 4)):
         seen &= ~_in_shadow(points, scanner, points[rng.integers(len(points))], rng.uniform(0.1, 0.5))
     if rng.random() < 0.35:
@@ -136,6 +148,78 @@ def _beyond_doorway(points: Points, rng: np.random.Generator) -> Mask:
 
 def _squared(vectors: Points) -> Points:
     return np.einsum("ni,ni->n", vectors, vectors)
+
+
+def seen_from_stations(points: Points, rng: np.random.Generator) -> Mask:
+    """(N,) mask of what one to three scanner stations see, each past what stands in its way; at times everything.
+
+    The generated surveys have more stations than many a real one: below tables and behind cabinets floors and walls
+    are missing there, in the complete scan too. Hidden is what lies well behind the nearest point in its direction.
+    """
+    seen = np.zeros(len(points), dtype=bool)
+    if rng.random() < 0.6:
+        return ~seen
+    floor = np.flatnonzero(points[:, 2] < points[:, 2].min() + 0.15)
+    for _ in range(rng.integers(1, 4)):
+        station = points[floor[rng.integers(len(floor))]] + (0.0, 0.0, rng.uniform(1.0, 1.8))
+        ray = points - station
+        distance = np.sqrt(_squared(ray))
+        azimuth = np.arctan2(ray[:, 1], ray[:, 0]) / STATION_STEP_RAD
+        elevation = np.arcsin(ray[:, 2] / np.maximum(distance, 1e-9)) / STATION_STEP_RAD
+        across = int(2 * np.pi / STATION_STEP_RAD) + 2
+        direction = np.floor(elevation - elevation.min()).astype(np.int64) * across
+        direction += np.floor(azimuth - azimuth.min()).astype(np.int64)
+        order = np.argsort(distance)
+        first = np.full(int(direction.max()) + 1, np.inf)
+        first[direction[order[::-1]]] = distance[order[::-1]]  # of several values for a place the last stays
+        # A floor seen at a flat angle reaches far within one direction, the farther the more.
+        seen |= distance < 0.1 + 1.06 * first[direction]
+    return seen if seen.sum() > len(points) / 3 else np.ones(len(points), dtype=bool)
+
+
+def with_notch(truth: Truth, rng: np.random.Generator) -> Truth:
+    """The truth with a corner or a bay cut out of its plan, along walls of its own as often as not; once in three.
+
+    Generated crops fill the convex hull of their plans; rooms of the shape of an L, a T or a U do not.
+    """
+    if rng.random() > 0.35:
+        return truth
+    u = np.array([1.0, 0.0]) if rng.random() < 0.8 else _heading(rng)
+    u = u * rng.choice([-1.0, 1.0])
+    v = np.array([-u[1], u[0]]) * rng.choice([-1.0, 1.0])
+    if rng.random() < 0.5:
+        u, v = v, u
+    points = truth.cloud.points
+    along, across = points[:, :2] @ u, points[:, :2] @ v
+    depth = along.min() + rng.uniform(0.3, 0.8) * np.ptp(along)
+    side = across.min() + rng.uniform(0.25, 0.75) * np.ptp(across)
+    other = across.max() if rng.random() < 0.7 else side + rng.uniform(0.15, 0.4) * np.ptp(across)
+    cut = (along > depth) & (across > side) & (across < other + 1e-6)
+    left = truth.select(~cut)
+    if not len(left.cloud) or rng.random() < 0.5:
+        return left
+    # The walls, from floor to ceiling, where the cut passes through the room.
+    z = np.percentile(points[:, 2], [1, 99])
+    walls = [
+        _upright(u * depth + v * side, u * depth + v * min(other, across.max()), z, rng),
+        _upright(u * depth + v * side, u * along.max() + v * side, z, rng),
+    ]
+    if other < across.max():
+        walls.append(_upright(u * depth + v * other, u * along.max() + v * other, z, rng))
+    new = np.concatenate(walls)
+    colors = None
+    if truth.cloud.colors is not None:
+        paint = truth.cloud.colors[rng.integers(len(points))] + rng.normal(scale=0.03, size=(len(new), 3))
+        colors = np.clip(paint, 0, 1).astype(np.float32)
+    missed = np.concatenate([left.missed, left.missed[nearest(new, left.cloud.points)[1]]])
+    return Truth(PointCloud.concatenate([left.cloud, PointCloud(new, colors)]), missed)
+
+
+def _upright(start: Points, end: Points, z: Points, rng: np.random.Generator) -> Points:
+    """(K, 3) points of an upright rectangle above the segment from (2,) `start` to `end`, as dense as truths are."""
+    length, height = float(np.linalg.norm(end - start)), float(z[1] - z[0])
+    share, up = rng.random((2, int(length * height * WALL_POINTS_M2)))
+    return np.column_stack([start + share[:, None] * (end - start), z[0] + up * height])
 
 
 def far_thinned(points: Points, rng: np.random.Generator) -> Mask:

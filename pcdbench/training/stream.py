@@ -14,6 +14,9 @@ from pcdbench.scene import Scene
 from pcdbench.training import augment
 from pcdbench.training.truths import WALK_LEVELS, Truth, Truths
 
+ENVIRONMENTS_OF_A_SEED = 10_000  # 400,000 pairs: far more than any training here saw
+SEEDS_APART = 100
+
 Mask = NDArray[np.bool_]
 
 
@@ -36,7 +39,8 @@ class PairStream:
     """Pairs from freshly generated crops, augmented; `stream[i]` is the same on every machine.
 
     A new crop enters the window every `reuse` pairs; a pair draws its crop from the window's latest, so
-    that making crops keeps pace with training on two cores and yet no crop is ever the last one.
+    that making crops keeps pace with training on two cores and yet no crop is ever the last one. Each seed has
+    crops of its own: a training that goes on from weights with another seed sees other rooms.
 
     Args:
         recipe: which augmentations there are; studies leave some out.
@@ -48,7 +52,7 @@ class PairStream:
 
     def __getitem__(self, index: int) -> TrainingPair:
         rng = np.random.default_rng(seed_from("training pair", self.seed, index))
-        newest = self.window + index // self.reuse
+        newest = ENVIRONMENTS_OF_A_SEED * (self.seed % SEEDS_APART) + self.window + index // self.reuse
         return training_pair(self._truths[int(rng.integers(newest - self.window, newest))], rng, self.recipe)
 
 

@@ -42,6 +42,14 @@ def test_a_pair_is_decided_by_seed_and_number() -> None:
 
 
 @pytest.mark.usefixtures("box_rooms")
+def test_another_seed_sees_other_rooms() -> None:
+    one, other = PairStream(3, window=2), PairStream(4, window=2)
+    for index in range(4):
+        _ = one[index], other[index]
+    assert not set(one._truths._held) & set(other._truths._held)
+
+
+@pytest.mark.usefixtures("box_rooms")
 def test_new_crops_keep_coming() -> None:
     stream = PairStream(0, window=3, reuse=2)
     for index in range(40):
@@ -86,6 +94,47 @@ def test_gaps_leave_a_third_and_ghosts_lie_beyond_the_walls() -> None:
             outside += 1
             assert not np.all((added > 0) & (added < points.max(axis=0)))
     assert 4 <= outside <= 25
+
+
+def test_stations_do_not_see_what_lies_behind_a_screen_nor_the_floor_below_a_platform() -> None:
+    rng = np.random.default_rng(0)
+    floor = rng.uniform(0, 1, (40_000, 3)) * (6.0, 4.0, 0.0)
+    platform = rng.uniform(0, 1, (8_000, 3)) * (1.6, 1.6, 0.0) + (2.2, 1.2, 0.25)
+    screen = rng.uniform(0, 1, (20_000, 3)) * (0.0, 4.0, 2.5) + (6.5, 0.0, 0.0)
+    wall = rng.uniform(0, 1, (20_000, 3)) * (0.0, 4.0, 2.5) + (7.5, 0.0, 0.0)
+    points = np.concatenate([floor, platform, screen, wall])
+    below = np.all(np.abs(floor[:, :2] - (3.0, 2.0)) < 0.3, axis=1)
+    beside = np.hypot(*(floor[:, :2] - (3.0, 2.0)).T) > 1.5
+    masks = [augment.seen_from_stations(points, np.random.default_rng(seed)) for seed in range(60)]
+    some = [mask for mask in masks if not mask.all()]
+    assert 15 < len(some) < 35
+    parts = [np.split(mask, np.cumsum([len(floor), len(platform), len(screen)])) for mask in some]
+    assert np.mean([on_floor[below].mean() for on_floor, *_ in parts]) < 0.5
+    assert np.mean([on_floor[beside].mean() for on_floor, *_ in parts]) > 0.9
+    # A wall behind a screen: most stations stand before both.
+    assert np.median([behind.mean() for *_, behind in parts]) < 0.2
+    assert np.median([before.mean() for *_, before, _ in parts]) > 0.9
+
+
+def test_notches_take_a_corner_or_a_bay_and_walls_stand_along_them() -> None:
+    room = box_room()
+    count = len(room.cloud)
+    made = [augment.with_notch(room, np.random.default_rng(seed)) for seed in range(80)]
+    cut = [its for its in made if its is not room]
+    assert 15 < len(cut) < 45
+    walled = 0
+    for its in cut:
+        assert len(its.missed) == len(its.cloud)
+        assert its.cloud.colors is not None
+        rows = {tuple(point) for point in room.cloud.points}
+        old = np.array([tuple(point) in rows for point in its.cloud.points])
+        assert count / 4 < old.sum() < count
+        walls = its.cloud.points[~old]
+        if len(walls):
+            walled += 1
+            assert np.all((walls > -1e-9) & (walls < np.array((5.0, 4.0, 2.5)) + 1e-9))
+            assert np.ptp(walls[:, 2]) > 2.2
+    assert 0.2 < walled / len(cut) < 0.8
 
 
 def test_the_pose_keeps_shapes_up_to_one_scale() -> None:

@@ -62,7 +62,7 @@ def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
     points = scanned.points.astype(np.float32).astype(np.float64)
 
     def sampling() -> NDArray:
-        return poisson_disk_indices(points, COMPLETE_POINTS, rng)
+        return poisson_disk_indices(points, COMPLETE_POINTS, order=np.argsort(scanned.lot))
 
     index, exact_colors = at_once(sampling, scanned.colors)
     colors = np.rint(exact_colors * 255).astype(np.uint8).astype(np.float32) / np.float32(255)

@@ -51,6 +51,7 @@ class Scan:
         triangles: (N,) rows of the environment's mesh that they were measured on.
         exposure: (N, 3) float32 by which the camera brightens or dims each point's color.
         color_noise: (N, 3) float32 what the camera's sensor adds.
+        lot: (N,) random numbers, of the rays that the points came from: they decide who is drawn.
     """
 
     environment: Environment
@@ -59,6 +60,7 @@ class Scan:
     triangles: NDArray[np.int64]
     exposure: NDArray[np.float32]
     color_noise: NDArray[np.float32]
+    lot: Floats
 
     @property
     def pieces(self) -> NDArray[np.int32]:
@@ -84,7 +86,6 @@ def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], r
     kept = _thinned(merged, rng)
     first_of_part = np.cumsum([0] + [len(points) for points, _ in parts])
     exposure = np.clip(rng.normal(1.0, 0.035, (len(parts), 3)) * rng.normal(1.0, 0.05, (len(parts), 1)), 0.8, 1.2)
-    noise = rng.normal(0.0, 0.018, (len(kept), 3)).astype(np.float32)
     part = np.searchsorted(first_of_part, kept, side="right") - 1
     # Only now what the points were measured on: most of them were thinned out.
     rows_of_view = np.split(kept, np.searchsorted(kept, first_of_part[1:-1]))
@@ -92,9 +93,14 @@ def scan(environment: Environment, survey: Survey, box: tuple[Floats, Floats], r
         returned[rows - first]
         for rows, first, (_, returned) in zip(rows_of_view, first_of_part[:-1], parts, strict=True)
     ]
+    rays = [(chance, view.rays[rows]) for chance, view, rows in zip(chances, views, rows_of_view, strict=True)]
+    noise = np.concatenate([chance.color_noise[its] for chance, its in rays])
+    lot = np.concatenate([chance.lot[its] for chance, its in rays])
     normals = np.concatenate([view.normals[rows] for view, rows in zip(views, rows_of_view, strict=True)])
     hit = np.concatenate([view.triangles[rows] for view, rows in zip(views, rows_of_view, strict=True)])
-    return Scan(environment, merged[kept], normals, environment.opaque[hit], exposure.astype(np.float32)[part], noise)
+    return Scan(
+        environment, merged[kept], normals, environment.opaque[hit], exposure.astype(np.float32)[part], noise, lot
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +113,7 @@ class _View:
         beyond_m: (N,) metres to what the next ray met, 0 where nothing.
         normals: (N, 3) unit, towards the scanner.
         triangles: (N,) rows of the environment's opaque triangles.
+        rays: (N,) their numbers among all that were sent out.
         back: (N,) the probability that light comes back.
     """
 
@@ -115,17 +122,23 @@ class _View:
     beyond_m: Floats
     normals: Floats
     triangles: NDArray[np.int64]
+    rays: NDArray[np.int64]
     back: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class _Chance:
-    """The random numbers of one station or frame: of each of its N rays, and of its registration."""
+    """The random numbers of one station or frame: of each ray that it sends out, and of its registration.
+
+    Rays that come to nothing have theirs too: whether one ray does must not change what another measures.
+    """
 
     returns: Floats
     range_error: Floats
     mixes: Floats
     mixture: Floats
+    color_noise: NDArray[np.float32]
+    lot: Floats
     offset: Floats
     turn: float
 
@@ -134,8 +147,11 @@ class _Chance:
         """Those of a view of `count` rays."""
         returns, range_error = rng.uniform(size=count), rng.normal(0.0, 1.0, count)
         mixes, mixture = rng.uniform(size=count), rng.uniform(size=count)
+        color_noise = np.float32(0.018) * rng.standard_normal((count, 3), dtype=np.float32)
         # Stations are registered to each other with a small error.
-        return _Chance(returns, range_error, mixes, mixture, rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003))
+        lot = rng.uniform(size=count)
+        offset, turn = rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003)
+        return _Chance(returns, range_error, mixes, mixture, color_noise, lot, offset, turn)
 
 
 def _views(
@@ -145,12 +161,13 @@ def _views(
     if survey.hand_held:
         views, chances = [], []
         for pose in survey.poses:
-            views.append(_view(environment, survey, pose, _tilted(float(np.radians(rng.uniform(-28.0, 22.0)))), box))
-            chances.append(_Chance.of(len(views[-1].range_m), rng))
+            rays = _tilted(float(np.radians(rng.uniform(-28.0, 22.0))))
+            views.append(_view(environment, survey, pose, rays, box))
+            chances.append(_Chance.of(len(rays), rng))
         return views, chances
     rays = _panorama(survey.step_deg, 90.0 if survey.ceiling else 12.0)
     views = at_once(*(partial(_view, environment, survey, pose, rays, box) for pose in survey.poses))
-    return views, [_Chance.of(len(view.range_m), rng) for view in views]
+    return views, [_Chance.of(len(rays), rng) for _ in views]
 
 
 def _view(environment: Environment, survey: Survey, pose: Floats, rays: Floats, box: tuple[Floats, Floats]) -> _View:
@@ -165,25 +182,25 @@ def _view(environment: Environment, survey: Survey, pose: Floats, rays: Floats, 
         near &= (end > box[0][k] - 0.5) & (end < box[1][k] + 0.5)
     rows = np.flatnonzero(near)
     towards, range_m, normals, triangles = directions[rows], reached[rows], hits.normals[rows], hits.triangle[rows]
-    incidence = -np.einsum("ij,ij->i", normals, towards)
+    incidence = -(normals[:, 0] * towards[:, 0] + normals[:, 1] * towards[:, 1] + normals[:, 2] * towards[:, 2])
     # At grazing incidence little light comes back, the less the farther away.
     back = np.clip(incidence * 14.0 / np.maximum(1.0, range_m / 4.0), 0.0, 1.0)
     back *= environment.reflectance[triangles]
-    return _View(towards, range_m, np.roll(reached, -1)[rows], normals, triangles, back)
+    return _View(towards, range_m, np.roll(reached, -1)[rows], normals, triangles, rows, back)
 
 
 def _returns(
     survey: Survey, pose: Floats, box: tuple[Floats, Floats], view: _View, chance: _Chance
 ) -> tuple[Floats, NDArray[np.int64]]:
     """The points that one station or frame measured within the box, and the rows of its view that they are of."""
-    returned = chance.returns < view.back
+    returned = chance.returns[view.rays] < view.back
     sigma = np.minimum((0.003 if survey.hand_held else 0.002) + 0.0006 * view.range_m, 0.007)
-    noisy = view.range_m + chance.range_error * sigma
+    noisy = view.range_m + chance.range_error[view.rays] * sigma
     # Mixed pixels: a beam on a depth edge returns something between its two surfaces.
     further = view.beyond_m - view.range_m
     step = np.where(view.beyond_m > 0, np.abs(further), 0.0)
-    mixed = np.flatnonzero((step > 0.15) & (step < 3.0) & (chance.mixes < MIXED_SHARE))
-    noisy[mixed] = view.range_m[mixed] + further[mixed] * chance.mixture[mixed]
+    mixed = np.flatnonzero((step > 0.15) & (step < 3.0) & (chance.mixes[view.rays] < MIXED_SHARE))
+    noisy[mixed] = view.range_m[mixed] + further[mixed] * chance.mixture[view.rays[mixed]]
     for k in range(3):
         end = pose[k] + view.towards[:, k] * noisy
         returned &= (end >= box[0][k]) & (end <= box[1][k])
@@ -220,14 +237,15 @@ def _thinned(points: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
     """Sorted rows of at most `MAX_POINTS` points: one in each voxel, of 15 mm or as large as it takes."""
     edge = VOXEL_M
     left = np.ascontiguousarray(points.T)
-    origin = left.min(axis=1) - rng.uniform(0.0, 0.01, 3) if len(points) else np.zeros(3)
+    origin = np.floor(left.min(axis=1)) - rng.uniform(0.0, 0.01, 3) if len(points) else np.zeros(3)
     kept = np.arange(len(points))
     while True:
         first = first_of_each(_voxel_numbers(left, origin, edge))
         kept, left = kept[first], left.take(first, axis=1)
         if len(kept) <= MAX_POINTS:
             return kept
-        edge *= max(1.05, (len(kept) / MAX_POINTS) ** 0.5)
+        # In steps of 5 %, so that a point more or less does not move every voxel.
+        edge *= 1.05 ** max(1.0, np.ceil(np.log((len(kept) / MAX_POINTS) ** 0.5) / np.log(1.05)))
 
 
 def _voxel_numbers(columns: Floats, origin: Floats, edge: float) -> NDArray[np.int64]:
