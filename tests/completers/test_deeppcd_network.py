@@ -178,6 +178,23 @@ def test_the_maximum_over_neighbors_and_its_gradient():
     assert torch.allclose(one, other, atol=1e-6)
 
 
+def test_in_bfloat16_the_maximum_over_neighbors_and_its_gradient_are_the_same():
+    torch.manual_seed(4)
+    features = (torch.randn(3, 40, 8) - 2).bfloat16().requires_grad_()
+    rows = torch.randint(0, 40, (3, 10, 32))
+    wide = features.detach().float().requires_grad_()
+    pooled, expected = neighbor_max(features, rows), neighbor_max(wide, rows)
+    assert pooled.dtype == torch.bfloat16
+    assert (pooled < 0).any()
+    assert torch.equal(pooled.float(), expected)
+    # Sums over the points: which of two equal ones wins is free.
+    (one,) = torch.autograd.grad(pooled.sum(), features)
+    (other,) = torch.autograd.grad(expected.sum(), wide)
+    assert torch.allclose(one.float().sum(dim=1), other.sum(dim=1))
+    # Each gradient went to a point that has the maximum as its value.
+    assert torch.allclose((one.float() * features.float()).sum(dim=1), expected.sum(dim=1), atol=1e-3)
+
+
 def test_farthest_points_by_brute_force():
     patches = np.random.default_rng(4).random((2, 200, 3)).astype(np.float32)
     for points, chosen in zip(patches, farthest(patches, 30), strict=True):
