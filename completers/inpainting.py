@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import cg
-from scipy.spatial import cKDTree
 
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.threads import thread_count
 
 NEIGHBORS = 8
@@ -40,17 +40,17 @@ def inpainted_colors(
     count = len(new_points)
     if count == 0:
         return np.empty((0, 3), np.float32)
-    # A fourth coordinate far larger than the scene keeps surfaces apart, so that one tree serves them all.
-    apart = 10.0 * (np.ptp(np.concatenate([points, new_points]), axis=0).max() + 1.0)
-    new_labels = np.zeros(count) if new_surface is None else new_surface
-    labels = np.zeros(len(points)) if surface is None else surface
-    new_places = np.column_stack([new_points, apart * new_labels])
-    places = np.column_stack([points, apart * labels])
+    new_places, places, apart = new_points, points, np.inf
+    if new_surface is not None and surface is not None:
+        # A fourth coordinate far larger than the scene keeps surfaces apart, so that one tree serves them all.
+        apart = 10.0 * (np.ptp(np.concatenate([points, new_points]), axis=0).max() + 1.0)
+        new_places = np.column_stack([new_points, apart * new_surface])
+        places = np.column_stack([points, apart * surface])
 
-    _, anchor = cKDTree(places).query(new_places, workers=thread_count())
+    _, anchor = loose_tree(places).query(new_places, workers=thread_count())
     union = np.concatenate([new_places, places])
     k = min(NEIGHBORS + 1, len(union))
-    distances, index = cKDTree(union).query(new_places, k=k, workers=thread_count())
+    distances, index = loose_tree(union).query(new_places, k=k, workers=thread_count())
     rows = np.repeat(np.arange(count), k - 1)
     columns = index[:, 1:].ravel()
     gaps = distances[:, 1:].ravel()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.geometry.sampling import apart_indices
 from pcdbench.threads import thread_count
 
@@ -33,7 +34,7 @@ def surface_spacing(points: NDArray[np.float64]) -> float:
         points: (N, 3) metres, near the origin, N at least 7.
     """
     step = max(1, len(points) // 5000)
-    distances, _ = cKDTree(points).query(points[::step], k=7, workers=thread_count())
+    distances, _ = loose_tree(points).query(points[::step], k=7, workers=thread_count())
     return float(np.median(distances[:, 6])) / float(np.sqrt(6 / np.pi))
 
 
@@ -68,7 +69,7 @@ def spread_evenly(
     if not len(places):
         return places, np.zeros(0, np.int64)
     support = np.concatenate([places, observed])
-    _, index = cKDTree(support).query(places, k=min(neighbors, len(support)), workers=thread_count())
+    _, index = loose_tree(support).query(places, k=min(neighbors, len(support)), workers=thread_count())
     near = support[index]
     center = near.mean(axis=1)
     spread = near - center[:, None]

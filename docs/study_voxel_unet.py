@@ -165,13 +165,14 @@ def ssim(completer: Completer, by_level: dict[float, list[tuple[Case, float]]]) 
     ]
 
 
-def across_most(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+def across_most(occupancy: Tensor, at: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """As `tiles.surface`, but along the axis on which the neighbours are most occupied: along the surface, then."""
-    probability, ridge, across = surface(-occupancy)
-    for axis, (before, after) in enumerate(tiles.neighbors(occupancy)):
+    probability, ridge, across = surface(-occupancy, at)
+    here, *rows = tiles.around(occupancy, at)
+    for axis, (before, after) in enumerate(rows):
         its = across == axis
-        probability = torch.where(its, 1 - (1 - occupancy) * (1 - before) * (1 - after), probability)
-        ridge = torch.where(its, occupancy >= torch.maximum(before, after), ridge)
+        probability = torch.where(its, 1 - (1 - here) * (1 - before) * (1 - after), probability)
+        ridge = torch.where(its, here >= torch.maximum(before, after), ridge)
     return probability, ridge, across
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -16,7 +15,9 @@ from pcdbench.threads import thread_count
 from .grid import Grid, network_input
 
 if TYPE_CHECKING:
-    from torch import Tensor, nn
+    from torch import Tensor
+
+    from .network import VoxelUNet
 
 HALO = 16  # voxels on each side of a tile that are read but not used
 STEP = 64
@@ -44,15 +45,13 @@ class Prediction:
         return Prediction(*(values[rows] for values in vars(self).values()))
 
 
-def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float) -> Prediction:
+def predict(network: VoxelUNet, cloud: PointCloud, grid: Grid, threshold: float) -> Prediction:
     """Where in the grid the probability of surface passes the threshold, tile by tile: memory does not grow with it.
 
     Args:
         cloud: what was observed, metres; all of it lies in the grid.
     """
     import torch
-
-    from .network import placed
 
     torch.set_num_threads(thread_count())
     blocks = _rows_by_block(cloud.points, grid)
@@ -66,23 +65,37 @@ def predict(network: nn.Module, cloud: PointCloud, grid: Grid, threshold: float)
             seen = cloud.select(np.sort(rows[part.holds(cloud.points[rows])]))
             if not len(seen):
                 continue
-            out = network(torch.from_numpy(network_input(seen, part))[None])[0]
-            inner = tuple(slice(2 * (span.used[0] - span.read[0]), 2 * (span.used[1] - span.read[0])) for span in tile)
-            probability, ridge, axis = (part[inner] for part in surface(torch.sigmoid(out[0].float())))
-            out = out[:, inner[0], inner[1], inner[2]]
-            x, y, z = torch.nonzero(ridge & (probability > threshold), as_tuple=True)
-            offsets, colors = placed(out[1:, x, y, z].T)
-            corner = 2 * np.array([span.used[0] for span in tile])
-            cells = torch.stack([x, y, z], dim=1).numpy() + corner + 0.5 + offsets.double().numpy()
-            points = grid.origin + cells * (grid.edge_m / 2)
-            found.append(Prediction(points, probability[x, y, z].numpy(), colors.numpy(), axis[x, y, z].numpy()))
+            trunk = network.trunk(torch.from_numpy(network_input(seen, part))[None])
+            occupancy = torch.sigmoid(network.occupancy(trunk))
+            at = torch.nonzero(_may_be_surface(occupancy, threshold, part.cells(seen.points, per_edge=2)[0], tile))
+            probability, ridge, axis = surface(occupancy, at)
+            likely = ridge & (probability > threshold)
+            at = at[likely]
+            offsets, colors = network.details(trunk, at)
+            first = np.array([2 * span.read[0] for span in tile])
+            points = grid.origin + (at.numpy() + first + 0.5 + offsets.double().numpy()) * (grid.edge_m / 2)
+            found.append(Prediction(points, probability[likely].numpy(), colors.numpy(), axis[likely].numpy()))
     return Prediction(
         *(np.concatenate(values) for values in zip(*(vars(part).values() for part in found), strict=True))
     )
 
 
-def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """How likely surface crosses each sub-voxel and its two neighbours, and whether it is likeliest just there.
+def _may_be_surface(
+    occupancy: Tensor, threshold: float, observed: NDArray[np.int64], tile: tuple[_Span, ...]
+) -> Tensor:
+    """(X, Y, Z) mask of a tile's sub-voxels that are asked: not its halo, nor what was observed or is too unlikely."""
+    import torch
+
+    used = tuple(slice(2 * (span.used[0] - span.read[0]), 2 * (span.used[1] - span.read[0])) for span in tile)
+    asked = torch.zeros(occupancy.shape, dtype=torch.bool)
+    # The likeliest of three that pass the threshold together is at least so likely.
+    asked[used] = occupancy[used] > 1 - (1 - threshold) ** (1 / 3)
+    asked.view(-1)[torch.from_numpy(observed)] = False
+    return asked
+
+
+def surface(occupancy: Tensor, at: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """How likely surface crosses a sub-voxel and its two neighbours, and whether it is likeliest just there.
 
     Where a surface is certain but not how deep it lies, its occupancy is spread over a few sub-voxels, none of which
     is likely by itself. So three in a row are taken together, across the surface: along the axis on which the two
@@ -91,37 +104,40 @@ def surface(occupancy: Tensor) -> tuple[Tensor, Tensor, Tensor]:
 
     Args:
         occupancy: (X, Y, Z) of the sub-voxels.
+        at: (M, 3) int64, those to ask.
 
     Returns:
-        (X, Y, Z) the probability that any of the three is occupied, as if they did not depend on each other; the
-        (X, Y, Z) mask of the likeliest of their three; and the (X, Y, Z) int8 axis.
+        (M,) the probability that any of the three is occupied, as if they did not depend on each other; the (M,) mask
+        of the likeliest of their three; and the (M,) int8 axis.
     """
     import torch
 
-    least = torch.full_like(occupancy, torch.inf)
-    others, ridge = torch.zeros_like(occupancy), torch.zeros_like(occupancy, dtype=torch.bool)
-    across = torch.zeros_like(occupancy, dtype=torch.int8)
-    for axis, (before, after) in enumerate(neighbors(occupancy)):
+    here, *rows = around(occupancy, at)
+    least = torch.full_like(here, torch.inf)
+    others, ridge = torch.zeros_like(here), torch.zeros_like(here, dtype=torch.bool)
+    across = torch.zeros_like(here, dtype=torch.int8)
+    for axis, (before, after) in enumerate(rows):
         beside = before + after + torch.minimum(before, after)
         less = beside < least
         least = torch.where(less, beside, least)
         others = torch.where(less, before + after - before * after, others)
-        ridge = torch.where(less, occupancy >= torch.maximum(before, after), ridge)
+        ridge = torch.where(less, here >= torch.maximum(before, after), ridge)
         across = torch.where(less, axis, across)
-    return occupancy + others - occupancy * others, ridge, across
+    return here + others - here * others, ridge, across
 
 
-def neighbors(occupancy: Tensor) -> Iterator[tuple[Tensor, Tensor]]:
-    """Along x, y and z: what lies before and after each cell of an (X, Y, Z) grid, zero beyond its borders."""
+def around(occupancy: Tensor, at: Tensor) -> tuple[Tensor, *tuple[tuple[Tensor, Tensor], ...]]:
+    """Of (M, 3) cells of an (X, Y, Z) grid their own values (M,), and along x, y and z those before and after them.
+
+    Beyond the grid's borders is zero.
+    """
     from torch.nn import functional as F
 
     padded = F.pad(occupancy, (1,) * 6)
-    for axis in range(3):
-        before, after = (
-            padded[tuple(shifted if other == axis else slice(1, -1) for other in range(3))]
-            for shifted in (slice(None, -2), slice(2, None))
-        )
-        yield before, after
+    steps = padded.stride()
+    flat = padded.view(-1)
+    cell = (at + 1) @ at.new_tensor(steps)
+    return flat[cell], *((flat[cell - step], flat[cell + step]) for step in steps)
 
 
 def _rows_by_block(points: NDArray[np.float64], grid: Grid) -> dict[tuple[int, ...], NDArray[np.int64]]:

@@ -104,6 +104,20 @@ def test_the_network_has_the_trials_size_and_answers_every_sub_voxel() -> None:
     assert 0 <= colors.min() <= colors.max() <= 1
 
 
+def test_its_answers_can_be_asked_for_one_by_one() -> None:
+    torch.manual_seed(0)
+    network = VoxelUNet().eval()
+    features = torch.randn(1, CHANNELS, 9, 6, 7)
+    with torch.inference_mode():
+        whole = network(features)[0]
+        trunk = network.trunk(features)
+        at = torch.ones(18, 12, 14).nonzero()[::5]
+        offsets, colors = placed(whole[1:][:, *at.T].T)
+        assert torch.allclose(network.occupancy(trunk), whole[0], atol=1e-5)
+        for one, other in zip(network.details(trunk, at), (offsets, colors), strict=True):
+            assert torch.allclose(one, other, atol=1e-5)
+
+
 def test_weights_of_before_the_prism_was_known_answer_as_they_did() -> None:
     torch.manual_seed(0)
     network = VoxelUNet().eval()
@@ -234,7 +248,8 @@ def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> N
 
 def test_surface_is_the_likeliest_of_three_in_a_row_across_it() -> None:
     occupancy = torch.from_numpy(np.random.default_rng(0).uniform(size=(4, 5, 6)).astype(np.float32)) ** 4
-    probability, ridge, across = tiles.surface(occupancy)
+    at = torch.ones_like(occupancy).nonzero()
+    probability, ridge, across = (its.view(4, 5, 6) for its in tiles.surface(occupancy, at))
     padded = np.pad(occupancy.numpy(), 1)
     for cell in np.ndindex(4, 5, 6):
         rows = []
@@ -253,7 +268,8 @@ def test_a_surface_whose_depth_is_uncertain_is_found_whole_and_in_one_layer() ->
     occupancy = torch.zeros(9, 14, 14)
     along = torch.from_numpy(np.random.default_rng(0).uniform(0.8, 1.2, size=(12, 12)).astype(np.float32))
     occupancy[3:6, 1:-1, 1:-1] = torch.tensor([0.2, 0.3, 0.15])[:, None, None] * along
-    probability, ridge, across = tiles.surface(occupancy)
+    at = torch.ones_like(occupancy).nonzero()
+    probability, ridge, across = (its.view(9, 14, 14) for its in tiles.surface(occupancy, at))
     inner = (slice(None), slice(2, -2), slice(2, -2))
     found = (ridge & (probability > 0.3))[inner]
     assert found[4].all() and int(found.sum()) == 100
