@@ -33,7 +33,7 @@ class DeepPCDOptions(PatchwiseOptions):
     generator: bool = Field(True, description="turn plane points by the generator; else one fixed grid a patch")
     color: Literal["nearest", "network"] = Field(
         "nearest",
-        description="where nothing was observed: the nearest observed colour, or the colour network's (needs weights)",
+        description="where nothing was observed: the nearest observed colour, or the colour network's",
     )
     color_weights: str = Field("", description="likewise for the colour network, with color=network")
 

@@ -43,7 +43,7 @@ DISK_AREAS = 0.44
 
 
 class VoxelUNetCompleter(LearnedCompleter):
-    """Volumetric inpainting by a 3D U-Net over voxels of twice the cloud's spacing.
+    """Volumetric inpainting by a 3D U-Net over voxels of 1.75 spacings of the cloud's surface.
 
     Every observed point is kept. Where nothing was observed and the probability of surface passes the
     threshold, points are added on the predicted surface, at the observed density.
