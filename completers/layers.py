@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+
+from pcdbench.threads import at_once, thread_count
 
 FEW = 8  # inputs of a point, at most, that are coordinates
 
@@ -32,7 +35,7 @@ class _NeighborMax(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, features: Tensor, neighbors: Tensor) -> Tensor:
         in_words = features.dtype == torch.bfloat16 and features.shape[1] <= 2**16
-        pooled, winners = (_pooled_in_words if in_words else _pooled)(features, neighbors)
+        pooled, winners = (_pooled_in_words if in_words else _pooled_in_parts)(features, neighbors)
         ctx.save_for_backward(winners)
         ctx.count = features.shape[1]
         return pooled
@@ -42,6 +45,14 @@ class _NeighborMax(torch.autograd.Function):
         (grad,), (winners,) = grads, ctx.saved_tensors
         summed = grad.new_zeros(len(grad), ctx.count, grad.shape[2], dtype=torch.float32)
         return summed.scatter_add_(1, winners, grad.float()).to(grad.dtype), None
+
+
+def _pooled_in_parts(features: Tensor, neighbors: Tensor) -> tuple[Tensor, Tensor]:
+    """What `_pooled` gives, on several threads: the operator itself runs on one."""
+    share = -(-len(features) // thread_count())
+    parts = zip(features.split(share), neighbors.split(share), strict=True)
+    pooled, winners = zip(*at_once(*(partial(_pooled, *part) for part in parts)), strict=True)
+    return torch.cat(pooled), torch.cat(winners)
 
 
 def _pooled(features: Tensor, neighbors: Tensor) -> tuple[Tensor, Tensor]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -46,3 +47,18 @@ def limit_threads(count: int) -> None:
     os.environ[VARIABLE] = str(count)
     for variable in _LIBRARIES:
         os.environ[variable] = str(count)
+
+
+@contextmanager
+def children_limited(count: int) -> Iterator[None]:
+    """Processes that are started within have `count` threads: they find it in their environment before they import."""
+    before = {variable: os.environ.get(variable) for variable in (VARIABLE, *_LIBRARIES)}
+    limit_threads(count)
+    try:
+        yield
+    finally:
+        for variable, value in before.items():
+            if value is None:
+                del os.environ[variable]
+            else:
+                os.environ[variable] = value

@@ -1,6 +1,8 @@
 """Keys are the same on every machine and in every release; threads follow the share a worker was given."""
 
 import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import pytest
 
 from pcdbench.keys import canonical_json, digest, file_digest, seed_from
 from pcdbench.paths import cache_dir
-from pcdbench.threads import at_once, limit_threads, thread_count
+from pcdbench.threads import at_once, children_limited, limit_threads, thread_count
 
 VALUE = {"b": [1, 2.5, True, None], "a": {"ü": "text"}}
 
@@ -71,6 +73,16 @@ def test_a_share_is_kept_and_passed_to_the_libraries(monkeypatch: pytest.MonkeyP
     limit_threads(3)
     assert thread_count() == 3
     assert os.environ["OMP_NUM_THREADS"] == os.environ["OPENBLAS_NUM_THREADS"] == os.environ["MKL_NUM_THREADS"] == "3"
+
+
+def test_children_find_their_share_and_the_parent_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PCDBENCH_THREADS", "7")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    with children_limited(1):
+        code = "import os; print(os.environ['PCDBENCH_THREADS'], os.environ['OMP_NUM_THREADS'])"
+        assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "1 1\n"
+    assert os.environ["PCDBENCH_THREADS"] == "7"
+    assert "OMP_NUM_THREADS" not in os.environ
 
 
 @pytest.mark.parametrize("nonsense", ["", "many", "-1", "0"])

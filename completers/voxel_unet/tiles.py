@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
@@ -58,7 +59,7 @@ def predict(network: VoxelUNet, cloud: PointCloud, grid: Grid, threshold: float)
     none = np.zeros((0, 3))
     found = [Prediction(none, np.zeros(0, np.float32), none.astype(np.float32), np.zeros(0, np.int8))]
     with torch.inference_mode():
-        for tile in product(*(_spans(size) for size in grid.shape)):
+        for tile in _tiles_with_points(blocks, grid):
             part = grid.part([span.read[0] for span in tile], [span.read[1] for span in tile])
             near = product(*(range(span.read[0] // STEP, (span.read[1] - 1) // STEP + 1) for span in tile))
             rows = np.concatenate([blocks.get(block, np.zeros(0, np.int64)) for block in near])
@@ -78,6 +79,20 @@ def predict(network: VoxelUNet, cloud: PointCloud, grid: Grid, threshold: float)
     return Prediction(
         *(np.concatenate(values) for values in zip(*(vars(part).values() for part in found), strict=True))
     )
+
+
+def _tiles_with_points(blocks: dict[tuple[int, ...], NDArray[np.int64]], grid: Grid) -> Iterator[tuple[_Span, ...]]:
+    """The tiles that read a block with points, in order: one stray far off must not cost all the space between."""
+    spans = [_spans(size) for size in grid.shape]
+    numbers = {
+        number
+        for block in blocks
+        for number in product(
+            *(range(max(at - 1, 0), min(at, len(its) - 1) + 1) for at, its in zip(block, spans, strict=True))
+        )
+    }
+    for number in sorted(numbers):
+        yield tuple(its[at] for at, its in zip(number, spans, strict=True))
 
 
 def _may_be_surface(

@@ -29,8 +29,8 @@ def poisson_disk_indices(
     Args:
         points: (N, 3) metres.
         count: how many to take; all rows are returned where it is N or more.
-        rng: decides the priorities, where they are not told by
-        order: (N,) the rows, that of highest priority first.
+        rng: decides the priorities.
+        order: or (N,) the rows, that of highest priority first.
     """
     total = len(points)
     if count >= total:
@@ -39,7 +39,9 @@ def poisson_disk_indices(
         return np.empty(0, np.int64)
     centered = np.asarray(points, np.float64) - points.min(axis=0)
     if order is None:
-        order = np.random.default_rng(rng).permutation(total)
+        if rng is None:
+            raise ValueError("poisson_disk_indices needs rng or order, to know who comes first")
+        order = rng.permutation(total)
     edge, voxels = _voxels_for(centered, count)
     candidates = _first_per_voxel(voxels, order, CANDIDATES_PER_VOXEL)
     radius = 0.9 * edge
@@ -51,6 +53,22 @@ def poisson_disk_indices(
         rest = order[free[order]]
         chosen = np.concatenate([chosen, rest[: count - len(chosen)]])
     return np.sort(chosen).astype(np.int64)
+
+
+def own_numbers(points: NDArray) -> NDArray[np.uint64]:
+    """(N,) a random-looking number of each of (N, 3) points, decided by its float32 coordinates alone.
+
+    Drawn in their order, two clouds that differ in a few points give samples that differ in a few.
+    """
+    bits = np.ascontiguousarray(np.asarray(points, np.float32) + np.float32(0)).view(np.uint32).astype(np.uint64)
+    mixed = np.zeros(len(bits), np.uint64)
+    for column in bits.T:
+        # The finalizer of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014): it spreads every bit over all.
+        mixed = (mixed ^ column) + np.uint64(0x9E3779B97F4A7C15)
+        mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        mixed ^= mixed >> np.uint64(31)
+    return mixed
 
 
 def apart_indices(

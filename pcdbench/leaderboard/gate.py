@@ -171,7 +171,8 @@ def _matched(committed: Board, fresh: Board) -> Iterator[tuple[BoardCompleter, B
 
 def case_key(board: Board, case: BoardCase) -> tuple:
     """What makes a case of one board that of another."""
-    return board.data[case.data].dataset, case.scene, case.incompleteness, case.level, case.draw, case.seed
+    data = board.data[case.data]
+    return data.dataset, data.split, case.scene, case.incompleteness, case.level, case.draw, case.seed
 
 
 def _unmatched(committed: Board, fresh: Board) -> Iterator[Finding]:

@@ -8,6 +8,7 @@ from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board import Board
 from pcdbench.leaderboard.building import comparisons_of, in_order, rankings_of
 from pcdbench.leaderboard.gate import case_key, changed_protocols, paired, reference_changes
+from pcdbench.leaderboard.saw_test import seen_in_training
 
 
 def updated(board: Board, fresh: Board) -> Board:
@@ -25,7 +26,9 @@ def updated(board: Board, fresh: Board) -> Board:
     number = {case_key(board, case): at for at, case in enumerate(board.cases)}
     strange = next((case for case in fresh.cases if case_key(fresh, case) not in number), None)
     if strange is not None:
-        where = f"{strange.scene} ({strange.incompleteness}, {strange.level:.0%})"
+        where = (
+            f"{strange.scene} ({strange.incompleteness}, {strange.level:.0%}, split {fresh.data[strange.data].split})"
+        )
         raise PcdbenchError(f"the board {board.name} has no case {where}; run its suite, or build a board of its own")
     for task in fresh.tasks:
         if task.name not in board.task_of:
@@ -37,7 +40,13 @@ def updated(board: Board, fresh: Board) -> Board:
     if changed is not None:
         raise PcdbenchError(f"the runs do not measure as the board {board.name} does: {changed.told}")
 
-    ours = {its.label: its for its in fresh.completers if not its.reference}
+    ours = {
+        its.label: replace(its, saw_test=seen_in_training(its.card, board.data))
+        for its in fresh.completers
+        if not its.reference
+    }
+    if not ours:
+        raise PcdbenchError(f"the runs have no completer to put on the board {board.name}, only references")
     names = {its.name for its in ours.values()}
     kept = {its.label: its for its in board.completers if its.name not in names}
     completers = tuple(sorted([*kept.values(), *ours.values()], key=lambda its: (not its.reference, its.label)))
@@ -52,6 +61,9 @@ def updated(board: Board, fresh: Board) -> Board:
         [*(cell for cell in board.cells if cell.completer in kept), *taken],
         key=lambda cell: (cell.case, position[cell.completer]),
     )
+    runs = (*board.runs, *fresh.runs)
+    used = sorted({cell.run for cell in cells})
+    cells = [replace(cell, run=used.index(cell.run)) for cell in cells]
     places = [(its.dataset, its.split) for its in board.data]
     data_of = [places.index((its.dataset, its.split)) for its in fresh.data]
     rankings = rankings_of(board.cases, cells, completers, board.tasks)
@@ -67,7 +79,7 @@ def updated(board: Board, fresh: Board) -> Board:
     return replace(
         board,
         completers=completers,
-        runs=(*board.runs, *fresh.runs),
+        runs=tuple(runs[at] for at in used),
         cells=tuple(cells),
         standings=tuple(
             standing

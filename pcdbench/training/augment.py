@@ -86,7 +86,7 @@ def natural_gaps(points: Points, rng: np.random.Generator) -> Mask:
         radius = rng.uniform(0.1, 0.9)
         seen &= _squared(points - center) > radius**2
     if rng.random() < 0.25:
-        on_floor = np.flatnonzero(points[:, 2] < low[2] + 0.15)
+        on_floor = _floor(points)
         for _ in range(rng.integers(1, 4)):
             below = points[on_floor[rng.integers(len(on_floor))], :2]
             seen[on_floor[_squared(points[on_floor, :2] - below) < rng.uniform(0.3, 1.2) ** 2]] = False
@@ -150,6 +150,12 @@ def _squared(vectors: Points) -> Points:
     return np.einsum("ni,ni->n", vectors, vectors)
 
 
+def _floor(points: Points) -> NDArray[np.int64]:
+    """Rows about the floor's height: little lies below it, though clutter that stands on it may reach there."""
+    height = np.percentile(points[:, 2], 5, method="lower")
+    return np.flatnonzero(np.abs(points[:, 2] - height) < 0.15)
+
+
 def seen_from_stations(points: Points, rng: np.random.Generator) -> Mask:
     """(N,) mask of what one to three scanner stations see, each past what stands in its way; at times everything.
 
@@ -159,7 +165,7 @@ def seen_from_stations(points: Points, rng: np.random.Generator) -> Mask:
     seen = np.zeros(len(points), dtype=bool)
     if rng.random() < 0.6:
         return ~seen
-    floor = np.flatnonzero(points[:, 2] < points[:, 2].min() + 0.15)
+    floor = _floor(points)
     for _ in range(rng.integers(1, 4)):
         station = points[floor[rng.integers(len(floor))]] + (0.0, 0.0, rng.uniform(1.0, 1.8))
         ray = points - station
@@ -196,7 +202,9 @@ def with_notch(truth: Truth, rng: np.random.Generator) -> Truth:
     other = across.max() if rng.random() < 0.7 else side + rng.uniform(0.15, 0.4) * np.ptp(across)
     cut = (along > depth) & (across > side) & (across < other + 1e-6)
     left = truth.select(~cut)
-    if not len(left.cloud) or rng.random() < 0.5:
+    if len(left.cloud) < len(points) / 3:
+        return truth
+    if rng.random() < 0.5:
         return left
     # The walls, from floor to ceiling, where the cut passes through the room.
     z = np.percentile(points[:, 2], [1, 99])

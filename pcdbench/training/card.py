@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from pcdbench.keys import file_digest
@@ -29,6 +30,8 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
     steps, pairs, hours, begun_from (what is known of the weights it began from), validation (with what it means),
     curve (step, hours, loss, validation), date, and what `run.json` says of code, packages and machine.
     """
+    from accelerate import PartialState
+
     from pcdbench.datasets.synthetic import Indoor
 
     card: dict[str, Any] = {
@@ -41,7 +44,7 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
         "seed": stream.seed,
         "preset": asdict(preset),
         "steps": progress.step,
-        "pairs": progress.step * preset.batch,
+        "pairs": progress.step * preset.batch * PartialState().num_processes,
         "hours": round(progress.seconds / 3600, 3),
         "begun_from": progress.begun_from,
         "validation": {
@@ -59,7 +62,7 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
 def _curve(folder: Path) -> list[dict[str, float | None]]:
     """The training curve at a few steps."""
     table = Curve(folder).table()
-    kept = table.iloc[:: max(1, len(table) // CURVE_POINTS)]
+    lines = np.linspace(0, len(table) - 1, min(CURVE_POINTS, len(table))).round().astype(int)
     return [
         {
             "step": int(line["step"]),
@@ -67,5 +70,5 @@ def _curve(folder: Path) -> list[dict[str, float | None]]:
             "loss": round(line["loss"], 5),
             "validation": round(line["validation_chd"], 4) if pd.notna(line["validation_chd"]) else None,
         }
-        for _, line in kept.iterrows()
+        for _, line in table.iloc[lines].iterrows()
     ]

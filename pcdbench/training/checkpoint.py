@@ -69,7 +69,8 @@ def save_weights(path: Path, average: Mapping[str, Tensor]) -> None:
     from safetensors.torch import save_file
 
     partial = path.with_suffix(".partial")
-    save_file({name: value.detach().cpu().half().contiguous() for name, value in average.items()}, partial)
+    kept = {name: value.detach().cpu().contiguous() for name, value in average.items()}
+    save_file({name: value.half() if value.is_floating_point() else value for name, value in kept.items()}, partial)
     os.replace(partial, path)
 
 

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import torch
 from accelerate import Accelerator
+from accelerate.utils import broadcast
 from pydantic import TypeAdapter, ValidationError
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import seed_from
-from pcdbench.threads import limit_threads, thread_count
+from pcdbench.threads import children_limited, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
 from pcdbench.training.curve import Curve
 from pcdbench.training.precision import bfloat16_pays
@@ -61,6 +62,7 @@ class Progress:
         rate: what `plateau` has left of the learning rate.
         terms: running means of the loss's terms.
         begun_from: which weights it began from (`Weights.origin`), if any.
+        seed: of the stream, which a resumption must have, too.
     """
 
     step: int = 0
@@ -71,6 +73,7 @@ class Progress:
     rate: float = 1.0
     terms: dict[str, float] = field(default_factory=dict)
     begun_from: dict[str, Any] | None = None
+    seed: int | None = None
 
     def validated(self, error: float) -> None:
         """Take a new validation error and, after too many without a better one, lower the rate."""
@@ -178,6 +181,11 @@ def train(
     if resume and checkpoint.exists():
         progress = resumed(checkpoint, plain, average, optimizer)
         curve.cut(progress.step)
+        if progress.seed not in (None, stream.seed):
+            raise PcdbenchError(f"{checkpoint} is of seed {progress.seed}; go on with --seed {progress.seed}")
+    else:
+        curve.cut(-1)
+    progress.seed = stream.seed
     network, optimizer = accelerator.prepare(plain, optimizer)
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
     began, saved, validated, drawn, reported = time.monotonic() - progress.seconds, *(4 * [time.monotonic()])
@@ -188,14 +196,17 @@ def train(
         save_weights(out / "weights.safetensors", weights)
         curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
 
+    whole = True  # not in the middle of a step
     try:
-        while (spent := budget.spent(progress.step, progress.seconds)) < 1.0:
+        while (spent := _of_main(accelerator, budget, progress)) < 1.0:
             share = progress.rate if preset.schedule == "plateau" else _cosine(spent, progress.step)
             for group in optimizer.param_groups:
                 group["lr"] = preset.learning_rate * share * group.get("rate", 1.0)
-            _step(trainee, network, optimizer, accelerator, next(batches), progress)
+            examples, whole = next(batches), False
+            _step(trainee, network, optimizer, accelerator, examples, progress)
             _lerp(average, plain, progress.step)
             progress.step, progress.seconds = progress.step + 1, time.monotonic() - began
+            whole = True
             if not accelerator.is_main_process:
                 continue
             done = budget.spent(progress.step, progress.seconds) >= 1.0
@@ -218,10 +229,21 @@ def train(
                 report(progress.line(budget))
                 reported = now
     except KeyboardInterrupt:
-        if accelerator.is_main_process:
+        # Half a step is not saved: it would be taken again. The last minute's checkpoint is there.
+        if accelerator.is_main_process and whole:
             save()
         raise
     return progress
+
+
+def _of_main(accelerator: Accelerator, budget: Budget, progress: Progress) -> float:
+    """The share of the budget that is spent; of several processes all follow the clock and the rate of the main one."""
+    spent = budget.spent(progress.step, progress.seconds)
+    if accelerator.num_processes == 1:
+        return spent
+    told = torch.tensor([spent, progress.rate], dtype=torch.float64, device=accelerator.device)
+    spent, progress.rate = broadcast(told).tolist()
+    return spent
 
 
 def _step(
@@ -240,8 +262,11 @@ def _step(
         accelerator.backward(losses["loss"] / len(examples))
         progress.losses({name: float(value.detach()) for name, value in losses.items()})
     # Each group by itself: of a network of two sides, as of a GAN, one side's gradients do not shrink the other's.
-    for group in optimizer.param_groups:
-        accelerator.clip_grad_norm_(group["params"], CLIP)
+    norms = [accelerator.clip_grad_norm_(group["params"], CLIP) for group in optimizer.param_groups]
+    if not all(bool(torch.isfinite(torch.as_tensor(norm))) for norm in norms):
+        raise PcdbenchError(
+            f"the loss is not finite any more at step {progress.step}; go on from the last checkpoint with --resume"
+        )
     optimizer.step()
 
 
@@ -267,12 +292,12 @@ def _batches(
         prefetch_factor=4 if workers else None,
         multiprocessing_context="spawn" if workers else None,
     )
-    return iter(loader)
+    with children_limited(1):
+        return iter(loader)
 
 
 def _begin_worker(_: int) -> None:
     end_as_a_group()
-    limit_threads(1)
     torch.set_num_threads(1)
 
 

@@ -14,8 +14,8 @@ from pcdbench.scene import Scene
 from pcdbench.training import augment
 from pcdbench.training.truths import WALK_LEVELS, Truth, Truths
 
-ENVIRONMENTS_OF_A_SEED = 10_000  # 400,000 pairs: far more than any training here saw
-SEEDS_APART = 100
+ENVIRONMENTS_OF_A_SEED = 50_000  # two million pairs: more than the longest preset takes
+SEEDS_APART = 20  # seeds that differ by a multiple of it see the same rooms, in another order
 
 Mask = NDArray[np.bool_]
 
@@ -36,11 +36,11 @@ class TrainingPair:
 
 
 class PairStream:
-    """Pairs from freshly generated crops, augmented; `stream[i]` is the same on every machine.
+    """Pairs from freshly generated crops, augmented; `stream[i]` is the same whenever it is asked for.
 
     A new crop enters the window every `reuse` pairs; a pair draws its crop from the window's latest, so
-    that making crops keeps pace with training on two cores and yet no crop is ever the last one. Each seed has
-    crops of its own: a training that goes on from weights with another seed sees other rooms.
+    that making crops keeps pace with training on two cores and yet no crop is ever the last one. Twenty
+    seeds in a row have crops of their own: a training that goes on from weights with another seed sees other rooms.
 
     Args:
         recipe: which augmentations there are; studies leave some out.

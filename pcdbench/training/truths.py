@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError, Skipped
 from pcdbench.geometry.neighbors import nearest
+from pcdbench.geometry.sampling import own_numbers
 from pcdbench.keys import seed_from
 from pcdbench.paths import cache_dir
 from pcdbench.scene import Scene
@@ -65,8 +66,7 @@ def training_truth(index: int) -> Truth:
     arrays = read_arrays(path)
     if arrays is None:
         scene = Indoor().training_scene(CROPS * index)
-        rng = np.random.default_rng(seed_from("training truth", index))
-        rows = np.sort(rng.permutation(len(scene.dense))[:TRUTH_POINTS])
+        rows = np.sort(np.argsort(own_numbers(scene.dense.points), kind="stable")[:TRUTH_POINTS])
         dense = scene.dense.select(rows)
         assert dense.colors is not None
         arrays = {

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 import torch
@@ -337,6 +339,18 @@ def test_nothing_is_added_outside_of_what_was_observed() -> None:
     spacing = surface_spacing(cloud.points)
     assert len(added) > 100
     assert Prism.around(cloud.points, 3.5 * spacing).depth(added).min() > -2 * spacing
+
+
+@trained
+def test_a_stray_far_off_costs_nothing() -> None:
+    cloud = with_hole(room(3000), (4.5, 2.0, 0.0), 0.8)
+    far = pcdbench.PointCloud([[5e5, 5.4e6, 300.0]], [[0.5, 0.5, 0.5]])
+    completer = VoxelUNetCompleter()
+    alone = completer.complete(cloud, np.random.default_rng(0))
+    began = time.monotonic()
+    both = completer.complete(pcdbench.PointCloud.concatenate([cloud, far]), np.random.default_rng(0))
+    assert time.monotonic() - began < 30
+    assert len(both) - 1 == pytest.approx(len(alone), rel=0.1)
 
 
 @trained

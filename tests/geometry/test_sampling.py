@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
-from pcdbench.geometry.sampling import apart_indices, poisson_disk_indices
+from pcdbench.geometry.sampling import apart_indices, own_numbers, poisson_disk_indices
 
 
 def spacing(points):
@@ -91,3 +91,18 @@ def test_apart_indices_are_apart_maximal_and_around_the_fixed_points():
     assert distances[rest].min(axis=1).max() < radius, "nothing more fits"
     assert len(apart_indices(points, 0.0, rng)) == len(points)
     assert len(apart_indices(points[:0], 0.1, rng)) == 0
+
+
+def test_a_source_that_differs_in_a_few_points_gives_a_sample_that_differs_in_a_few(uneven_floor):
+    some = np.delete(uneven_floor, [7, 20_000, 70_000], axis=0)
+    samples = [
+        {tuple(point) for point in source[poisson_disk_indices(source, 1500, order=np.argsort(own_numbers(source)))]}
+        for source in (uneven_floor, some, uneven_floor[::-1])
+    ]
+    assert len(samples[0] & samples[1]) > 1450
+    assert samples[0] == samples[2]
+
+
+def test_who_comes_first_must_be_said():
+    with pytest.raises(ValueError, match="rng or order"):
+        poisson_disk_indices(np.zeros((10, 3)), 5)

@@ -40,7 +40,7 @@ def test_ranges_agree_with_brute_force():
     corners = vertices[triangles[hits.triangle[hit]]]
     points = origin + hits.range_m[hit, None] * directions[hit]
     off_plane = np.einsum("ij,ij->i", points - corners[:, 0], hits.normals[hit])
-    assert np.abs(off_plane).max() < 1e-4
+    assert np.abs(off_plane).max() < 1e-12
 
 
 def test_map_coordinates_keep_their_precision():

@@ -56,7 +56,7 @@ def test_a_completer_may_come_to_it_and_cover_less(tmp_path):
     [
         (rows_of("incomplete", 6.0), "do not measure as the board b does: .*incomplete"),
         (rows_of("a", 1.0, task_version="2"), "do not measure as the board b does: task"),
-        (rows_of("a", 1.0, ["room9"]), "has no case room9 .holes, 30%.; run its suite"),
+        (rows_of("a", 1.0, ["room9"]), "has no case room9 .holes, 30%, split test.; run its suite"),
         (rows_of("a", 1.0, level=0.5), "has no case room0"),
         ([row | {"task": row["task"] | {"name": "new"}} for row in rows_of("a", 1.0)[::2]], "has no task new"),
     ],
@@ -65,3 +65,22 @@ def test_what_measures_otherwise_is_refused(tmp_path, rows, told):
     old = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 1.0))
     with pytest.raises(PcdbenchError, match=told):
         updated(old, board(tmp_path, "new", rows))
+
+
+def test_a_run_of_references_alone_and_one_of_another_split_are_refused(tmp_path):
+    old = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 1.0))
+    with pytest.raises(PcdbenchError, match="no completer to put on the board b"):
+        updated(old, board(tmp_path, "floor", rows_of("incomplete", 5.0)))
+    new = board(tmp_path, "new", rows_of("incomplete", 5.0), rows_of("c", 1.0))
+    other = replace(new, data=tuple(replace(its, split="val") for its in new.data))
+    with pytest.raises(PcdbenchError, match=r"has no case room0 \(holes, 30%, split val\)"):
+        updated(old, other)
+
+
+def test_runs_of_which_nothing_is_left_leave_the_board(tmp_path):
+    found = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 9.0))
+    for number in range(4):
+        rows = rows_of("a", 1.0, version=str(number))
+        found = updated(found, board(tmp_path, f"new{number}", rows_of("incomplete", 5.0), rows))
+    assert len(found.runs) == 2
+    assert {its.completer: its.run for its in found.cells} == {"incomplete": 0, "a": 1}

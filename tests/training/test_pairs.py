@@ -116,6 +116,13 @@ def test_stations_do_not_see_what_lies_behind_a_screen_nor_the_floor_below_a_pla
     assert np.median([before.mean() for *_, before, _ in parts]) > 0.9
 
 
+def test_the_floor_is_found_below_clutter_that_reaches_through_it() -> None:
+    rng = np.random.default_rng(0)
+    shell = rng.uniform(-0.4, 0.4, (2_000, 3)) + np.array((2.0, 2.0, 0.0))
+    points = np.concatenate([box_room().cloud.points, shell])
+    assert np.mean(np.abs(points[augment._floor(points), 2]) < 0.15) > 0.9
+
+
 def test_notches_take_a_corner_or_a_bay_and_walls_stand_along_them() -> None:
     room = box_room()
     count = len(room.cloud)

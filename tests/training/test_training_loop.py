@@ -176,6 +176,49 @@ def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
     assert told["sha256"] == card["sha256"] and told["steps"] == 40 and told["begun_from"] is None
 
 
+def test_ctrl_c_in_the_middle_of_a_step_leaves_the_last_whole_one(tmp_path: Path) -> None:
+    class Normalised(HeightTrainee):
+        interrupt = 0
+
+        def network(self) -> nn.Module:
+            return nn.Sequential(nn.Linear(3, 16), nn.BatchNorm1d(16), nn.Linear(16, 1))
+
+        def loss(self, network: nn.Module, example: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+            loss = (network(example["extent"] + torch.eye(3)) - example["height"]).square().mean()
+            self.interrupt -= 1
+            if self.interrupt == 0:
+                raise KeyboardInterrupt
+            return {"loss": loss}
+
+    options = {"workers": 0, "report": lambda _: None, "device": "cpu", "save_every_s": 0.0}
+    train(Normalised(), tmp_path / "whole", Budget(steps=5), **options)
+    stopped = Normalised()
+    stopped.interrupt = 6  # the second of the third step's two examples
+    with pytest.raises(KeyboardInterrupt):
+        train(stopped, tmp_path / "parts", Budget(steps=5), **options)
+    train(Normalised(), tmp_path / "parts", Budget(steps=5), resume=True, **options)
+    whole, parts = ((tmp_path / run / "weights.safetensors").read_bytes() for run in ("whole", "parts"))
+    assert whole == parts
+
+
+def test_another_seed_does_not_go_on_with_a_training(tmp_path: Path) -> None:
+    trained(tmp_path, 2, stream=PairStream(3))
+    with pytest.raises(PcdbenchError, match="is of seed 3; go on with --seed 3"):
+        trained(tmp_path, 4, stream=PairStream(4), resume=True)
+    assert trained(tmp_path, 4, stream=PairStream(3), resume=True).step == 4
+
+
+def test_a_loss_that_is_not_finite_ends_it_before_the_checkpoint_is_lost(tmp_path: Path) -> None:
+    class Diverging(HeightTrainee):
+        def loss(self, network: nn.Module, example: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+            loss = super().loss(network, example)["loss"]
+            return {"loss": loss * (float("nan") if (tmp_path / "checkpoint.safetensors").exists() else 1.0)}
+
+    with pytest.raises(PcdbenchError, match="not finite any more at step 1; go on from the last checkpoint"):
+        train(Diverging(), tmp_path, Budget(steps=5), workers=0, report=lambda _: None, device="cpu", save_every_s=0.0)
+    assert self_steps(tmp_path) == 1
+
+
 def test_the_plateau_rule_lowers_the_rate_after_two_checks_without_a_better_one() -> None:
     progress = Progress()
     for error in (1.0, 0.5, 0.6, 0.55, 0.5, 0.4):

@@ -154,7 +154,8 @@ def _stations(environment: Environment, box: tuple[Floats, Floats], at_most: int
     """The stations in or near the box, those nearest to its middle first."""
     middle, half = (box[0] + box[1])[:2] / 2, (box[1] - box[0])[:2] / 2
     off = np.abs(environment.stations[:, :2] - middle)
-    near = environment.stations[(off <= half + 1.5).all(axis=1)]
+    close = (off <= half + 1.5).all(axis=1)
+    near = environment.stations[close] if close.any() else environment.stations
     return near[np.argsort(np.abs(near[:, :2] - middle).max(axis=1), kind="stable")][:at_most]
 
 
@@ -171,6 +172,8 @@ def _survey(environment: Environment, box: tuple[Floats, Floats], rng: np.random
         return survey
     places = np.repeat(stations, 12, axis=0) + rng.normal(0.0, 0.25, (12 * len(stations), 3)) * [1.0, 1.0, 0.3]
     clear = environment.floor.clearance_at(places[:, :2]) > 0.15
+    if not clear.any():
+        return survey
     frames = np.column_stack(
         [places, np.tile(np.arange(12) * np.pi / 6, len(stations)) + rng.normal(0, 0.1, len(places))]
     )

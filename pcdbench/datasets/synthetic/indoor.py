@@ -23,7 +23,7 @@ from pcdbench.datasets.synthetic.storage import (
     write_arrays,
 )
 from pcdbench.errors import PcdbenchError
-from pcdbench.geometry.sampling import poisson_disk_indices
+from pcdbench.geometry.sampling import own_numbers, poisson_disk_indices
 from pcdbench.keys import digest, seed_from
 from pcdbench.paths import cache_dir
 from pcdbench.plugins import did_you_mean
@@ -134,8 +134,8 @@ def _with_complete_points(scene: Scene, count: int) -> Scene:
     """The scene with a complete cloud of so many points."""
     if count == COMPLETE_POINTS:
         return scene
-    rng = np.random.default_rng(seed_from("indoor complete", scene.name, count))
-    index = poisson_disk_indices(scene.dense.points, count, rng)
+    order = np.argsort(own_numbers(scene.dense.points), kind="stable")
+    index = poisson_disk_indices(scene.dense.points, count, order=order)
     return replace(scene, complete=scene.dense.select(index), complete_index=index)
 
 

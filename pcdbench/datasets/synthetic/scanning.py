@@ -148,8 +148,8 @@ class _Chance:
         returns, range_error = rng.uniform(size=count), rng.normal(0.0, 1.0, count)
         mixes, mixture = rng.uniform(size=count), rng.uniform(size=count)
         color_noise = np.float32(0.018) * rng.standard_normal((count, 3), dtype=np.float32)
-        # Stations are registered to each other with a small error.
         lot = rng.uniform(size=count)
+        # Stations are registered to each other with a small error.
         offset, turn = rng.normal(0.0, 0.002, 3), rng.normal(0.0, 0.0003)
         return _Chance(returns, range_error, mixes, mixture, color_noise, lot, offset, turn)
 
