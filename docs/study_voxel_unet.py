@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -40,7 +40,7 @@ from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.scene import Scene
-from pcdbench.training.augment import Recipe, natural_gaps
+from pcdbench.training.augment import Recipe, natural_gaps, seen_from_stations
 from pcdbench.training.loop import Budget, train
 from pcdbench.training.stream import PairStream, TrainingPair
 from pcdbench.training.validation import capped_chd
@@ -50,7 +50,7 @@ LEVELS = (0.1, 0.3, 0.5)
 ROOMS = 8
 HELD_OUT = range(40_000, 40_040)  # pairs of crops that no training came to
 MIN_POINTS = 8000
-BARE = Recipe(gaps=False, ghosts=False, clutter=False, density=False, noise=False, pose=False, color=False)
+BARE = Recipe(**dict.fromkeys((kind.name for kind in fields(Recipe)), False))
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,9 @@ class Variant:
 
 VARIANTS = {
     "nothing changed": Variant(),
-    "no natural gaps": Variant(Recipe(gaps=False)),
+    "no gaps of any kind": Variant(Recipe(gaps=False, stations=False, notches=False)),
+    "no notches": Variant(Recipe(notches=False)),
+    "surveys of all stations": Variant(Recipe(stations=False)),
     "no augmentation": Variant(BARE),
     "no clutter": Variant(Recipe(clutter=False)),
     "one density": Variant(Recipe(density=False)),
@@ -104,9 +106,11 @@ def generated() -> Iterator[Scene]:
 
 
 def with_gaps(scenes: Iterator[Scene]) -> Iterator[Scene]:
-    """The scenes with complete clouds that have natural gaps of their own."""
+    """The scenes with complete clouds that have natural gaps of their own, also those of a survey of few stations."""
     for number, scene in enumerate(scenes):
-        kept = natural_gaps(scene.complete.points, np.random.default_rng(number))
+        rng = np.random.default_rng(number)
+        kept = np.flatnonzero(seen_from_stations(scene.complete.points, rng))
+        kept = kept[natural_gaps(scene.complete.points[kept], rng)]
         yield replace(scene, complete=scene.complete.select(kept), complete_index=scene.complete_index[kept])
 
 

@@ -31,6 +31,8 @@ class Recipe:
 
     Attributes:
         gaps: natural gaps of the truth.
+        stations: only what a few scanner stations see.
+        notches: corners and bays cut out of the plan.
         ghosts: what glass and mirrors put behind a wall.
         clutter: things that no furniture list has.
         density: several densities (and densities that fall with the distance).
@@ -40,6 +42,8 @@ class Recipe:
     """
 
     gaps: bool = True
+    stations: bool = True
+    notches: bool = True
     ghosts: bool = True
     clutter: bool = True
     density: bool = True
@@ -57,9 +61,11 @@ def augmented(truth: Truth, rng: np.random.Generator, recipe: Recipe = FULL) -> 
         truth = with_clutter(truth, rng)
     if recipe.ghosts:
         truth = with_ghosts(truth, rng)
-    if recipe.gaps:
+    if recipe.notches:
         truth = with_notch(truth, rng)
+    if recipe.stations:
         truth = truth.select(seen_from_stations(truth.cloud.points, rng))
+    if recipe.gaps:
         truth = truth.select(natural_gaps(truth.cloud.points, rng))
     if recipe.density:
         truth = truth.select(far_thinned(truth.cloud.points, rng))
