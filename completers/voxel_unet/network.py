@@ -80,19 +80,19 @@ class VoxelUNet(nn.Module):
 
     def occupancy(self, trunk: Tensor) -> Tensor:
         """(2X, 2Y, 2Z) float32 logits of one item's trunk (1, 16, X, Y, Z): the first of what `forward` gives."""
-        voxels = F.linear(trunk[0].movedim(0, 3), self._head_of(0), self.head.get_parameter("bias")[:8]).float()
+        voxels = F.linear(trunk[0].movedim(0, 3), *self._head_of(slice(0, 8))).float()
         return split_voxels(voxels.movedim(3, 0)[None])[0, 0]
 
     def details(self, trunk: Tensor, at: Tensor) -> tuple[Tensor, Tensor]:
         """What `placed` gives at (M, 3) sub-voxels of one item's trunk: most of them hold nothing to place."""
         x, y, z = (at // 2).T
-        out = F.linear(trunk[0].movedim(0, 3)[x, y, z], self._head_of(1, OUTPUTS), self.head.get_parameter("bias")[8:])
+        out = F.linear(trunk[0].movedim(0, 3)[x, y, z], *self._head_of(slice(8, None)))
         corner = at % 2 @ torch.tensor([4, 2, 1])
         return placed(out.unflatten(1, (OUTPUTS - 1, 8))[torch.arange(len(at)), :, corner])
 
-    def _head_of(self, first: int, end: int | None = None) -> Tensor:
-        """The last layer's weights (8 K, 16) of the K outputs from `first` up to `end`."""
-        return self.head.weight.flatten(1)[8 * first : 8 * (first + 1 if end is None else end)]
+    def _head_of(self, channels: slice) -> tuple[Tensor, Tensor]:
+        """The last layer's weights (K, 16) and biases (K,) of some of its channels, eight an output."""
+        return self.head.weight.flatten(1)[channels], self.head.get_parameter("bias")[channels]
 
 
 def placed(values: Tensor) -> tuple[Tensor, Tensor]:

@@ -78,7 +78,7 @@ class MeshRaycaster:
         triangle[hit] = found
         facing = self._normals[found]
         start = np.broadcast_to(np.asarray(origins, np.float64) - self._center, towards.shape)[hit]
-        against, ahead = _dot(facing, towards[hit]), self._offsets[found] - _dot(facing, start)
+        against, ahead = row_products(facing, towards[hit]), self._offsets[found] - row_products(facing, start)
         slack = SLACK * (1.0 + range_m[hit])
         # A ray in the triangle's plane, nearly, meets it anywhere: there what was found may be bettered a little only.
         exact = np.divide(ahead, against, out=range_m[hit], where=against != 0)
@@ -91,13 +91,13 @@ class MeshRaycaster:
 def _planes(a: NDArray[np.float64], b: NDArray[np.float64], c: NDArray[np.float64]) -> tuple[NDArray, NDArray]:
     """The planes through the corners (T, 3) of triangles: unit normals n (T, 3), 0 without area, and n . a (T,)."""
     normals = np.cross(b - a, c - a)
-    length = np.sqrt(_dot(normals, normals))
+    length = np.sqrt(row_products(normals, normals))
     normals /= np.where(length > 0, length, 1.0)[:, None]
-    return normals, _dot(normals, a)
+    return normals, row_products(normals, a)
 
 
-def _dot(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) products of rows, summed in this order on every processor."""
+def row_products(left: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) dot products of the rows of two (N, 3) arrays, summed in this order on every processor."""
     return left[:, 0] * right[:, 0] + left[:, 1] * right[:, 1] + left[:, 2] * right[:, 2]
 
 

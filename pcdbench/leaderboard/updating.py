@@ -63,7 +63,8 @@ def updated(board: Board, fresh: Board) -> Board:
     )
     runs = (*board.runs, *fresh.runs)
     used = sorted({cell.run for cell in cells})
-    cells = [replace(cell, run=used.index(cell.run)) for cell in cells]
+    number_of = {run: at for at, run in enumerate(used)}
+    cells = [replace(cell, run=number_of[cell.run]) for cell in cells]
     places = [(its.dataset, its.split) for its in board.data]
     data_of = [places.index((its.dataset, its.split)) for its in fresh.data]
     rankings = rankings_of(board.cases, cells, completers, board.tasks)

@@ -181,9 +181,8 @@ def seen_from_stations(points: Points, rng: np.random.Generator) -> Mask:
         across = int(2 * np.pi / STATION_STEP_RAD) + 2
         direction = np.floor(elevation - elevation.min()).astype(np.int64) * across
         direction += np.floor(azimuth - azimuth.min()).astype(np.int64)
-        order = np.argsort(distance)
         first = np.full(int(direction.max()) + 1, np.inf)
-        first[direction[order[::-1]]] = distance[order[::-1]]  # of several values for a place the last stays
+        np.minimum.at(first, direction, distance)
         # A floor seen at a flat angle reaches far within one direction, the farther the more.
         seen |= distance < 0.1 + 1.06 * first[direction]
     return seen if seen.sum() > len(points) / 3 else np.ones(len(points), dtype=bool)

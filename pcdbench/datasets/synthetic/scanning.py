@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pcdbench.datasets.synthetic.environment import Environment, Floats
 from pcdbench.datasets.synthetic.lighting import shaded_colors
 from pcdbench.geometry.sampling import first_of_each
-from pcdbench.geometry.visibility import camera_directions, panorama_directions
+from pcdbench.geometry.visibility import camera_directions, panorama_directions, row_products
 from pcdbench.threads import at_once
 
 MAX_POINTS = 360_000
@@ -182,7 +182,7 @@ def _view(environment: Environment, survey: Survey, pose: Floats, rays: Floats, 
         near &= (end > box[0][k] - 0.5) & (end < box[1][k] + 0.5)
     rows = np.flatnonzero(near)
     towards, range_m, normals, triangles = directions[rows], reached[rows], hits.normals[rows], hits.triangle[rows]
-    incidence = -(normals[:, 0] * towards[:, 0] + normals[:, 1] * towards[:, 1] + normals[:, 2] * towards[:, 2])
+    incidence = -row_products(normals, towards)
     # At grazing incidence little light comes back, the less the farther away.
     back = np.clip(incidence * 14.0 / np.maximum(1.0, range_m / 4.0), 0.0, 1.0)
     back *= environment.reflectance[triangles]
