@@ -22,6 +22,7 @@ def inpainted_colors(
     colors: NDArray[np.float32],
     new_surface: NDArray[np.int64] | None = None,
     surface: NDArray[np.int64] | None = None,
+    anchors: NDArray[np.int64] | None = None,
 ) -> NDArray[np.float32]:
     """(Q, 3) colours of new points: the harmonic continuation of the observed colours along the surface.
 
@@ -36,6 +37,7 @@ def inpainted_colors(
         colors: (N, 3) in [0, 1].
         new_surface: (Q,) which surface each new point is on; colours do not cross from one to another.
         surface: (N,) which surface each observed point is on.
+        anchors: (Q,) the row of the observed point nearest to each new one, where that is known already.
     """
     count = len(new_points)
     if count == 0:
@@ -47,7 +49,8 @@ def inpainted_colors(
         new_places = np.column_stack([new_points, apart * new_surface])
         places = np.column_stack([points, apart * surface])
 
-    _, anchor = loose_tree(places).query(new_places, workers=thread_count())
+    if anchors is None:
+        _, anchors = loose_tree(places).query(new_places, workers=thread_count())
     union = np.concatenate([new_places, places])
     k = min(NEIGHBORS + 1, len(union))
     distances, index = loose_tree(union).query(new_places, k=k, workers=thread_count())
@@ -65,7 +68,7 @@ def inpainted_colors(
     rim = coo_array((weights[~inner], (rows[~inner], columns[~inner] - count)), shape=(count, len(points))).tocsr()
     degree = links.sum(axis=1) + rim.sum(axis=1) + ANCHOR_WEIGHT
     system = diags_array(degree) - links
-    start = colors[anchor].astype(np.float64)
+    start = colors[anchors].astype(np.float64)
     right = rim @ colors.astype(np.float64) + ANCHOR_WEIGHT * start
     preconditioner = diags_array(1.0 / degree)
     solved = [

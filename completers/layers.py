@@ -12,20 +12,38 @@ from torch.nn import functional as F
 
 from pcdbench.threads import at_once, thread_count
 
+SHARE_OF_NEW = 0.01  # a cloud's, in running means
 FEW = 8  # inputs of a point, at most, that are coordinates
 
 
-class SharedMLP(nn.Sequential):
-    """Linear layers of these widths, each with a ReLU, shared by all points (..., widths[0]) -> (..., widths[-1])."""
+def begin(layer: nn.Linear) -> None:
+    """Begin a layer before a ReLU as He et al. (ICCV 2015) do: what differs between inputs is not lost on the way.
 
-    def __init__(self, *widths: int) -> None:
+    Torch's own weights are a sixth as large (in variance): after a dozen layers all patches give nearly the same, and
+    what reads them dies before it learns to tell one from another.
+    """
+    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+    nn.init.zeros_(layer.get_parameter("bias"))
+
+
+class SharedMLP(nn.Sequential):
+    """Linear layers of these widths, each with a ReLU, shared by all points (..., widths[0]) -> (..., widths[-1]).
+
+    Args:
+        slope: of the ReLU below zero.
+    """
+
+    def __init__(self, *widths: int, slope: float = 0.0) -> None:
         super().__init__(*(nn.Linear(before, after) for before, after in pairwise(widths)))
+        self.slope = slope
+        for layer in self:
+            begin(layer)
 
     def forward(self, x: Tensor) -> Tensor:
         flat = x.flatten(0, -2)
         for layer in self:
             # In place, and on what is no view: autograd then neither copies nor keeps more than it must.
-            flat = F.relu_(layer(flat))
+            flat = F.leaky_relu_(layer(flat), self.slope) if self.slope else F.relu_(layer(flat))
         return flat.unflatten(0, x.shape[:-1])
 
 
@@ -98,10 +116,41 @@ def rows_of(values: Tensor, rows: Tensor) -> Tensor:
     return values.gather(1, rows[..., None].expand(-1, -1, values.shape[2]))
 
 
+class Standardized(nn.Module):
+    """Each channel less its mean, over its spread, both running means of training: no parameters.
+
+    Maxima of ReLUs are far from zero, and nearly the same for all patches and points: unless that is taken away, what
+    reads them sees a constant. Not batch normalisation: the patches of one cloud are too few, and may be one.
+    """
+
+    mean: Tensor
+    variance: Tensor
+    seen: Tensor
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(channels))
+        self.register_buffer("variance", torch.ones(channels))
+        self.register_buffer("seen", torch.zeros((), dtype=torch.int64))
+
+    def forward(self, x: Tensor) -> Tensor:
+        """(..., channels) to the same."""
+        if self.training:
+            with torch.no_grad():
+                self.seen += 1
+                share = max(SHARE_OF_NEW, 1 / int(self.seen))
+                flat = x.flatten(0, -2).float()
+                self.mean.lerp_(flat.mean(dim=0), share)
+                self.variance.lerp_((flat - self.mean).square().mean(dim=0), share)
+        scale = (self.variance + 1e-4).rsqrt()
+        return x * scale.to(x.dtype) - (self.mean * scale).to(x.dtype)
+
+
 class SplitLinear(nn.Linear):
     """W [x; f] + b where f is the same for all points of a patch: W_x x + (W_f f + b), the second once a patch.
 
-    Exactly the linear layer over the concatenation (rounding aside), at the cost of the points' part alone.
+    Exactly the linear layer over the concatenation (rounding aside), at the cost of the points' part alone. A ReLU
+    follows.
 
     Args:
         point: width of what differs from point to point.
@@ -111,6 +160,11 @@ class SplitLinear(nn.Linear):
     def __init__(self, point: int, shared: int, out: int) -> None:
         super().__init__(point + shared, out)
         self.point = point
+        begin(self)
+        if point <= FEW:
+            # As if coordinates were all it reads: three of 771 inputs would have no say, and all points of a patch
+            # would be moved as one.
+            nn.init.kaiming_normal_(self.weight.detach()[:, :point], nonlinearity="relu")
 
     def forward(self, points: Tensor, shared: Tensor) -> Tensor:  # type: ignore[override]
         """(P, K, point) and (P, shared) to (P, K, out)."""

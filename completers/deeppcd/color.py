@@ -41,9 +41,6 @@ class ColorNetwork(nn.Module):
         self.condition = PatchEncoder(6, (CONDITION,))
         self.generator = Generator()
         self.discriminator = Discriminator()
-        for module in self.modules():
-            if isinstance(module, SharedMLP | SplitLinear):
-                _begin(module)
 
     def forward(
         self, observed: Tensor, observed_colors: Tensor, around: Neighbors, points: Tensor, colors: Tensor
@@ -84,18 +81,6 @@ class PaintingNetwork(nn.Module):
         """Those of a `ColorNetwork` serve, too: its discriminator is left out."""
         kept = {name: value for name, value in state_dict.items() if not name.startswith("discriminator.")}
         return super().load_state_dict(kept, *args, **kwargs)
-
-
-def _begin(layers: nn.Module) -> None:
-    """Begin layers before a ReLU as He et al. (ICCV 2015) do: what differs between inputs is not lost on the way.
-
-    Torch's own weights are a sixth as large (in variance): after a dozen layers all patches give nearly the same, and
-    hundreds of steps pass before the condition says anything of the patch.
-    """
-    for layer in layers.modules():
-        if isinstance(layer, nn.Linear):
-            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-            nn.init.zeros_(layer.bias)
 
 
 def centered(colors: Tensor) -> Tensor:

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..layers import SharedMLP, SplitLinear, moved_by
+from ..layers import SharedMLP, SplitLinear, Standardized, begin, moved_by
 from .encoder import Neighbors, PatchEncoder
 
 FEATURE = 768
@@ -17,6 +17,7 @@ POINT_FEATURE = 384
 LONGEST_WAVE = 1e4  # times the shortest, which is 2 pi cells
 GRID_SIDE = 4  # points along a side of the planar grid
 GRID_HALF_WIDTH = 0.1  # of the patch: seeds are about an eighth apart, so planes reach into holes
+COORDINATES_SAY = 6.0  # where in its patch a point lies begins with as much of a say as what its patch looks like
 TOGETHER = 2  # patches
 
 
@@ -24,11 +25,13 @@ class Completed(NamedTuple):
     """What the geometry network gives.
 
     Attributes:
-        patches: (P, K, 3) float32 after the local displacement, as patches are scaled.
+        planes: (P, K, 3) float32 plane points, before any displacement, as patches are scaled.
+        patches: (P, K, 3) float32 after the local displacement, likewise.
         points: (P * K, 3) float32 after the global one, in the unit of the grid: the result.
         turns: (P, S, 3, 3) float32 of the plane point generator, or None without it.
     """
 
+    planes: Tensor
     patches: Tensor
     points: Tensor
     turns: Tensor | None
@@ -46,6 +49,7 @@ class DeepPCDNetwork(nn.Module):
         super().__init__()
         self.plane_points = plane_points
         self.encoder = PatchEncoder(3, (512, FEATURE))
+        self.of_points, self.of_patches = Standardized(POINT_FEATURE), Standardized(FEATURE)
         self.relations = Relations()
         self.generator = PlanePointGenerator() if generator else None
         self.local_displacement = Displacement()
@@ -70,7 +74,7 @@ class DeepPCDNetwork(nn.Module):
             chosen: (P, K) int64, the plane points to go on with; all of them where it is None.
         """
         coarse, features, patch = self.encoder(points, None, around)
-        patch = self.relations(patch, cells)
+        features, patch = self.of_points(features), self.relations(self.of_patches(patch), cells)
         turns = None
         if self.generator is None:
             planes = _flat_grid(self.plane_points, points.device).expand(len(points), -1, -1)
@@ -83,7 +87,7 @@ class DeepPCDNetwork(nn.Module):
         local = planes + self.local_displacement(planes, patch)
         merged = low[:, None] + scale * local
         whole = merged + self.global_displacement(merged, patch.amax(dim=0, keepdim=True).expand_as(patch))
-        return Completed(local, whole.flatten(0, 1), turns)
+        return Completed(planes, local, whole.flatten(0, 1), turns)
 
 
 class Relations(nn.Module):
@@ -165,10 +169,17 @@ class Displacement(nn.Module):
         self.first = SplitLinear(3, FEATURE, 512)
         self.second = nn.Linear(512, 256)
         self.norm = nn.LayerNorm(256)
-        last = nn.Linear(64, 3)
-        self.rest = nn.Sequential(SharedMLP(256, 256, 64), last)
+        begin(self.second)
         with torch.no_grad():
-            last.weight.mul_(0.1)
+            coordinates = self.first.weight[:, :3].mul_(COORDINATES_SAY)
+            self.first.bias.copy_(-coordinates.sum(dim=1) / 2)
+        last = nn.Linear(64, 3)
+        self.rest = nn.Sequential(SharedMLP(256, 256, 64, slope=0.1), last)
+        # Plane points begin where they are. Moved together by a bias of a tenth of a patch, or of the whole cloud, the
+        # network learns before all else to move nothing, and its units die of it.
+        with torch.no_grad():
+            last.weight.mul_(0.01)
+            last.bias.zero_()
 
     def forward(self, points: Tensor, feature: Tensor) -> Tensor:
         """(P, K, 3) float32 displacements in (-1, 1) of (P, K, 3) points with their (P, 768) features."""

@@ -151,6 +151,6 @@ def _colors(
         np.exp(-distances / (reach * spacing_m)).astype(np.float32)[:, None]
         for reach in (NEAREST_REACH, CONTINUED_REACH)
     )
-    continued = inpainted_colors(added, cloud.points, cloud.colors)
+    continued = inpainted_colors(added, cloud.points, cloud.colors, anchors=rows)
     smooth = around * continued + (1 - around) * predicted
     return beside * cloud.colors[rows] + (1 - beside) * smooth

@@ -8,12 +8,13 @@ from pcdbench_completers.deeppcd.color import ColorNetwork
 from pcdbench_completers.deeppcd.neighborhoods import NEIGHBORS, Neighborhoods, farthest
 from pcdbench_completers.deeppcd.network import (
     DeepPCDNetwork,
+    Displacement,
     PlanePointGenerator,
     Relations,
     plane_points,
     position_embedding,
 )
-from pcdbench_completers.layers import SplitLinear, neighbor_max
+from pcdbench_completers.layers import SplitLinear, Standardized, neighbor_max
 from pcdbench_completers.patch_neighbors import within
 from pcdbench_completers.patches import Patches
 
@@ -98,6 +99,41 @@ def test_chosen_plane_points_are_completed_as_among_all(network, patches):
     some, every = completed(network, patches, chosen=chosen), completed(network, patches)
     expected = every.patches.gather(1, chosen[..., None].expand(-1, -1, 3))
     assert (some.patches - expected).abs().max() < 1e-5
+
+
+def test_displacements_begin_at_rest(network, patches):
+    result = completed(network, patches)
+    assert (result.patches - result.planes).abs().max() < 0.05
+
+
+def test_displacements_learn_where_in_which_patch_a_point_lies():
+    torch.manual_seed(0)
+    displacement = Displacement()
+    points, feature = torch.rand(2, 64, 3), 2 * torch.rand(2, 768)
+    # To the middle in one patch, away from it in the other.
+    wanted = 0.3 * torch.tensor([1.0, -1.0])[:, None, None] * (0.5 - points)
+    optimizer = torch.optim.AdamW(displacement.parameters(), lr=1e-3)
+    for _ in range(60):
+        off = (displacement(points, feature) - wanted).square().mean() / wanted.square().mean()
+        optimizer.zero_grad()
+        off.backward()
+        optimizer.step()
+    assert off.item() < 0.1  # with torch's first weights it stays at 0.99
+
+
+def test_standardized_channels_have_no_mean_and_a_spread_of_one_wherever_training_was():
+    rng = torch.Generator().manual_seed(0)
+    channels = Standardized(3)
+    offset, spread = torch.tensor([5.0, -1.0, 0.0]), torch.tensor([0.1, 1.0, 7.0])
+    for _ in range(50):
+        channels(offset + spread * torch.randn(4, 25, 3, generator=rng))
+    channels.eval()
+    found = channels(offset + spread * torch.randn(10_000, 3, generator=rng))
+    assert found.mean(dim=0).abs().max() < 0.1 and (found.std(dim=0) - 1).abs().max() < 0.1
+    before = channels.mean.clone()
+    channels(torch.full((1, 3), 100.0))
+    assert torch.equal(channels.mean, before)  # completing changes nothing
+    assert not any(True for _ in channels.parameters())
 
 
 def test_options_of_the_ablations(patches):
