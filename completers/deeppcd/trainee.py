@@ -8,8 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.options import Options
 from pcdbench.training.chamfer import matched
 from pcdbench.training.stream import TrainingPair
@@ -19,18 +21,22 @@ from ..patch_truth import TRUTH_POINTS, distances_by_patch, evenly, true_patches
 from ..patches import Patches
 from .completer import DeepPCD, DeepPCDOptions
 from .neighborhoods import Neighborhoods
-from .network import DeepPCDNetwork
+from .network import GRID_SIDE, DeepPCDNetwork
 
 SHARE_MOVED = 0.5  # of the plane points, drawn anew for each example: half the displacement's cost
-PATCH_WEIGHT, TURN_WEIGHT = 0.5, 0.001
-PLANE_WEIGHT = 0.5  # not published: what turns the planes is told directly, not through two displacements alone
+PATCH_WEIGHT = 0.5
+# What follows is not published as it is. Planes begin level, and Chamfer distances do not raise them: a level plane at
+# a wall is nearer to it the smaller it is, whichever way it leans. So the generator is told directly how surface lies,
+# and the published |I - R^T R|^2 counts twenty times as much, so that planes turn and do not shrink.
+PLANE_WEIGHT, FACE_WEIGHT, TURN_WEIGHT = 0.5, 0.02, 0.02
+NORMAL_OF = 12  # true points around a seed
 NEIGHBORHOODS = tuple(field.name for field in fields(Neighborhoods))
 EPOCH = 1_200  # samples, as published
 
 
 class DeepPCDTrainee(Trainee):
-    """Chamfer distance of the cloud + 0.5 times that of its patches + 0.5 times that of their plane points
-    + 0.001 |I - R^T R|^2 of the generator's turns.
+    """Chamfer distance of the cloud + 0.5 times that of its patches, as published; and for the generator's turns R
+    + 0.5 times that of the plane points + 0.02 (|I - R^T R|^2 + how far planes lean out of the true surface).
     """
 
     presets: ClassVar[Mapping[str, Preset]] = {
@@ -63,7 +69,8 @@ class DeepPCDTrainee(Trainee):
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """The observed patches with their neighbourhoods, and the truth: `truth` (T, 3) of the whole cloud in the unit
-        of the grid, `patch_truth` (U, 3) of the patches `patch_of` (U,), scaled as they are.
+        of the grid, `patch_truth` (U, 3) of the patches `patch_of` (U,), scaled as they are, and `normals`
+        (P, S, 3) of the true surface nearest to the S points that planes are placed at.
         """
         observed = pair.complete.select(pair.kept)
         patches = Patches.of(observed.points, self.options.grid, rng)
@@ -71,11 +78,14 @@ class DeepPCDTrainee(Trainee):
         truth = pair.truth.points[evenly(pair.truth.points, TRUTH_POINTS, rng)]
         scaled = patches.grid.scaled(truth)
         patch_of, patch_truth = true_patches(patches, scaled)
+        around = Neighborhoods.of(patches.points)
+        seeds = around.sampled_1[:, : self.options.plane_points // GRID_SIDE**2, None]
+        seeds = np.take_along_axis(patches.points, seeds, axis=1)
         moved = round(SHARE_MOVED * self.options.plane_points)
         chosen = rng.random((len(patches.points), self.options.plane_points)).argsort(axis=1)[:, :moved]
         return {
             "points": patches.points,
-            **vars(Neighborhoods.of(patches.points)),
+            **vars(around),
             "cells": patches.cells,
             "low": patches.low,
             "scale": np.asarray(patches.scale),
@@ -83,6 +93,7 @@ class DeepPCDTrainee(Trainee):
             "truth": scaled.astype(np.float32),
             "patch_truth": patch_truth,
             "patch_of": patch_of,
+            "normals": _true_normals(patches.low[:, None] + patches.scale * seeds, scaled),
         }
 
     def loss(self, network: nn.Module, example: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -101,7 +112,10 @@ class DeepPCDTrainee(Trainee):
             turned = turns.float()
             off = turned.transpose(-1, -2) @ turned - torch.eye(3, device=turned.device)
             terms["turn"] = off.square().sum(dim=(-1, -2)).mean()
-            loss = loss + TURN_WEIGHT * terms["turn"]
+            # A plane lies along the first two columns.
+            leaning = example["normals"][..., None, :] @ turned[..., :2]
+            terms["face"] = leaning.square().sum(dim=(-1, -2)).mean()
+            loss = loss + TURN_WEIGHT * terms["turn"] + FACE_WEIGHT * terms["face"]
         return {"loss": loss, **terms}
 
 
@@ -109,3 +123,11 @@ def _patch_chamfer(points: Tensor, example: dict[str, Tensor]) -> Tensor:
     """The mean over patches of the Chamfer distance of (P, K, 3) points to the patches' truth."""
     to_truth, from_truth = distances_by_patch(points, example["patch_truth"], example["patch_of"], power=2)
     return (to_truth + from_truth).mean()
+
+
+def _true_normals(places: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(P, S, 3) unit normals, of either sign, of the (T, 3) true points nearest to (P, S, 3) places."""
+    _, near = loose_tree(truth).query(places.reshape(-1, 3), k=min(NORMAL_OF, len(truth)))
+    spread = truth[near] - truth[near].mean(axis=1, keepdims=True)
+    axes = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1]
+    return axes[:, :, 0].reshape(places.shape).astype(np.float32)

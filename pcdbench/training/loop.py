@@ -31,6 +31,7 @@ AVERAGE_DECAY = 0.998
 CLIP = 1.0
 WARM_UP = 100  # steps
 DRAW_EVERY_S = 300.0
+OVERFLOWS = 5  # steps in a row with gradients that are not finite, after which something is wrong
 PATIENCE = 2  # checks without a better validation error, after which `plateau` lowers the rate
 
 
@@ -61,6 +62,7 @@ class Progress:
         validation: the latest validation error; best: the lowest; waited: checks since then.
         rate: what `plateau` has left of the learning rate.
         terms: running means of the loss's terms.
+        overflowed: steps in a row that were left out, their gradients not being finite.
         begun_from: which weights it began from (`Weights.origin`), if any.
         seed: of the stream, which a resumption must have, too.
     """
@@ -72,6 +74,7 @@ class Progress:
     waited: int = 0
     rate: float = 1.0
     terms: dict[str, float] = field(default_factory=dict)
+    overflowed: int = 0
     begun_from: dict[str, Any] | None = None
     seed: int | None = None
 
@@ -263,11 +266,16 @@ def _step(
         progress.losses({name: float(value.detach()) for name, value in losses.items()})
     # Each group by itself: of a network of two sides, as of a GAN, one side's gradients do not shrink the other's.
     norms = [accelerator.clip_grad_norm_(group["params"], CLIP) for group in optimizer.param_groups]
-    if not all(bool(torch.isfinite(torch.as_tensor(norm))) for norm in norms):
+    if all(bool(torch.isfinite(torch.as_tensor(norm))) for norm in norms):
+        optimizer.step()
+        progress.overflowed = 0
+        return
+    progress.overflowed += 1
+    # One batch whose gradients overflow in bfloat16 teaches nothing, and does no harm if it is left out.
+    if progress.overflowed >= OVERFLOWS or not all(np.isfinite(value) for value in progress.terms.values()):
         raise PcdbenchError(
             f"the loss is not finite any more at step {progress.step}; go on from the last checkpoint with --resume"
         )
-    optimizer.step()
 
 
 def _optimizer(trainee: Trainee, network: nn.Module, preset: Preset) -> torch.optim.Optimizer:

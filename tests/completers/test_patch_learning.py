@@ -141,11 +141,12 @@ def test_a_few_steps_on_one_pair_lower_its_loss(name, pair):
     torch.manual_seed(0)
     trainee = TRAINEES[name]
     network, made = trainee.network(), tensors(example(trainee, pair))
-    groups = [{"lr": 1e-3 * group.get("rate", 1.0), **group} for group in trainee.parameter_groups(network)]
-    optimizer = torch.optim.AdamW(groups)
+    optimizer = torch.optim.AdamW(trainee.parameter_groups(network))
     term = "color" if name == "color" else "loss"
     values = []
-    for _ in range(8):
+    for step in range(20):
+        for group in optimizer.param_groups:
+            group["lr"] = 1e-3 * (step + 1) / 20 * group.get("rate", 1.0)
         optimizer.zero_grad()
         losses = trainee.loss(network, made)
         losses["loss"].backward()

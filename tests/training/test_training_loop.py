@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 from torch import nn
 
 from pcdbench.cloud import PointCloud
@@ -217,6 +218,25 @@ def test_a_loss_that_is_not_finite_ends_it_before_the_checkpoint_is_lost(tmp_pat
     with pytest.raises(PcdbenchError, match="not finite any more at step 1; go on from the last checkpoint"):
         train(Diverging(), tmp_path, Budget(steps=5), workers=0, report=lambda _: None, device="cpu", save_every_s=0.0)
     assert self_steps(tmp_path) == 1
+
+
+def test_a_step_whose_gradients_overflow_is_left_out_but_not_one_after_the_other(tmp_path: Path) -> None:
+    class Overflowing(HeightTrainee):
+        calls, every = 0, 3
+
+        def loss(self, network: nn.Module, example: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+            loss = super().loss(network, example)["loss"]
+            self.calls += 1
+            # The root of zero is finite, its gradient is not.
+            return {"loss": loss + (loss * 0).sqrt() if self.calls % self.every == 0 else loss}
+
+    trainee = Overflowing()
+    budget, options = Budget(steps=20), {"workers": 0, "report": lambda _: None, "device": "cpu"}
+    assert train(trainee, tmp_path, budget, **options).step == 20
+    assert all(torch.isfinite(value).all() for value in load_file(tmp_path / "weights.safetensors").values())
+    trainee.every = 1
+    with pytest.raises(PcdbenchError, match="not finite any more at step 4"):
+        train(trainee, tmp_path, budget, **options)
 
 
 def test_the_plateau_rule_lowers_the_rate_after_two_checks_without_a_better_one() -> None:
