@@ -16,16 +16,6 @@ SHARE_OF_NEW = 0.01  # a cloud's, in running means
 FEW = 8  # inputs of a point, at most, that are coordinates
 
 
-def begin(layer: nn.Linear) -> None:
-    """Begin a layer before a ReLU as He et al. (ICCV 2015) do: what differs between inputs is not lost on the way.
-
-    Torch's own weights are a sixth as large (in variance): after a dozen layers all patches give nearly the same, and
-    what reads them dies before it learns to tell one from another.
-    """
-    nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-    nn.init.zeros_(layer.get_parameter("bias"))
-
-
 class SharedMLP(nn.Sequential):
     """Linear layers of these widths, each with a ReLU, shared by all points (..., widths[0]) -> (..., widths[-1]).
 
@@ -36,8 +26,6 @@ class SharedMLP(nn.Sequential):
     def __init__(self, *widths: int, slope: float = 0.0) -> None:
         super().__init__(*(nn.Linear(before, after) for before, after in pairwise(widths)))
         self.slope = slope
-        for layer in self:
-            begin(layer)
 
     def forward(self, x: Tensor) -> Tensor:
         flat = x.flatten(0, -2)
@@ -149,8 +137,7 @@ class Standardized(nn.Module):
 class SplitLinear(nn.Linear):
     """W [x; f] + b where f is the same for all points of a patch: W_x x + (W_f f + b), the second once a patch.
 
-    Exactly the linear layer over the concatenation (rounding aside), at the cost of the points' part alone. A ReLU
-    follows.
+    Exactly the linear layer over the concatenation (rounding aside), at the cost of the points' part alone.
 
     Args:
         point: width of what differs from point to point.
@@ -160,11 +147,6 @@ class SplitLinear(nn.Linear):
     def __init__(self, point: int, shared: int, out: int) -> None:
         super().__init__(point + shared, out)
         self.point = point
-        begin(self)
-        if point <= FEW:
-            # As if coordinates were all it reads: three of 771 inputs would have no say, and all points of a patch
-            # would be moved as one.
-            nn.init.kaiming_normal_(self.weight.detach()[:, :point], nonlinearity="relu")
 
     def forward(self, points: Tensor, shared: Tensor) -> Tensor:  # type: ignore[override]
         """(P, K, point) and (P, shared) to (P, K, out)."""
@@ -177,6 +159,20 @@ class SplitLinear(nn.Linear):
         """(P, point + 1, out) float32: each patch's own matrix, [W_x | W_f f + b] transposed."""
         once = F.linear(shared, self.weight[:, self.point :], self.bias).float()
         return torch.cat([self.weight[:, : self.point].t().expand(len(once), -1, -1), once[:, None]], dim=1)
+
+
+def begin(network: nn.Module) -> None:
+    """Begin its layers before a ReLU as He et al. (ICCV 2015) do: what differs between inputs is not lost on the way.
+
+    Torch's own weights are a sixth as large (in variance): after a dozen layers all patches give nearly the same, and
+    what reads them dies before it learns to tell one from another.
+    """
+    for module in network.modules():
+        layers = list(module) if isinstance(module, SharedMLP) else [module] * isinstance(module, SplitLinear)
+        for layer in layers:
+            assert isinstance(layer, nn.Linear)
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            nn.init.zeros_(layer.bias)
 
 
 def moved_by(points: Tensor, own: Tensor) -> Tensor:

@@ -8,14 +8,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.spatial import cKDTree
 
 import pcdbench
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
-from .local_surface import spread_evenly, surface_spacing
+from .local_surface import spread_evenly, surface_spacing, unoriented_normals
 from .patches import Patches
 
 NEIGHBORS = 10
@@ -33,7 +32,7 @@ class PatchwiseOptions(pcdbench.Options):
         False, description="keep every observed point, and the network's only where nothing was observed"
     )
     clearance_spacings: float = Field(
-        3.0, gt=0, description="with keep_observed: this far from any observed point nothing was observed"
+        3.0, gt=0, description="with keep_observed: this far along the observed surface nothing was observed"
     )
     weights: str = Field(
         "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
@@ -84,8 +83,10 @@ def merged(
 ) -> pcdbench.PointCloud:
     """Every observed point, and found ones where nothing was observed, at the observed density.
 
-    A found point far enough from all observed ones gives a few candidates, spread over the plane that fits its
-    neighbours; blue noise chooses among them. So sparse finds become as dense as the cloud, and dense ones no denser.
+    What a network puts above or below observed surface is its own error; in a hole it lies beside what was observed.
+    So distances are taken along the surface, in the plane of the nearest observed point. A found point far enough away
+    gives a few candidates, spread over the plane that fits its neighbours; blue noise chooses among them. So sparse
+    finds become as dense as the cloud, and dense ones no denser.
 
     Args:
         clearance_spacings: how far is far enough, in spacings of the observed points.
@@ -95,8 +96,11 @@ def merged(
     origin = cloud.points.mean(axis=0)
     observed, points = cloud.points - origin, found.points - origin
     spacing_m = surface_spacing(observed)
-    distances, _ = cKDTree(observed).query(points, workers=thread_count())
-    away = np.flatnonzero(distances > clearance_spacings * spacing_m)
+    _, rows = nearest(points, observed)
+    off = points - observed[rows]
+    normals = unoriented_normals(observed)[rows]
+    along = off - np.einsum("ni,ni->n", off, normals)[:, None] * normals
+    away = np.flatnonzero(np.linalg.norm(along, axis=1) > clearance_spacings * spacing_m)
     if not len(away) or spacing_m == 0.0:
         return cloud
     # Sparser finds need more candidates, and farther about.

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..layers import SharedMLP, SplitLinear
+from ..layers import SharedMLP, SplitLinear, begin
 from .encoder import Neighbors, PatchEncoder
 
 CONDITION = 512
@@ -41,6 +41,7 @@ class ColorNetwork(nn.Module):
         self.condition = PatchEncoder(6, (CONDITION,))
         self.generator = Generator()
         self.discriminator = Discriminator()
+        begin(self)
 
     def forward(
         self, observed: Tensor, observed_colors: Tensor, around: Neighbors, points: Tensor, colors: Tensor

@@ -17,7 +17,7 @@ POINT_FEATURE = 384
 LONGEST_WAVE = 1e4  # times the shortest, which is 2 pi cells
 GRID_SIDE = 4  # points along a side of the planar grid
 GRID_HALF_WIDTH = 0.1  # of the patch: seeds are about an eighth apart, so planes reach into holes
-COORDINATES_SAY = 6.0  # where in its patch a point lies begins with as much of a say as what its patch looks like
+COORDINATES_STD = 5.0  # where in its patch a point lies then has as much of a say as what the patch looks like
 TOGETHER = 2  # patches
 
 
@@ -135,6 +135,7 @@ class PlanePointGenerator(nn.Module):
         self.first = SplitLinear(POINT_FEATURE + 3, FEATURE, 1024)
         last = nn.Linear(256, 9)
         self.rest = nn.Sequential(SharedMLP(1024, 512, 256), last)
+        begin(self)
         with torch.no_grad():
             last.weight.mul_(0.1)
             last.bias.copy_(torch.eye(3).flatten())
@@ -169,15 +170,15 @@ class Displacement(nn.Module):
         self.first = SplitLinear(3, FEATURE, 512)
         self.second = nn.Linear(512, 256)
         self.norm = nn.LayerNorm(256)
-        begin(self.second)
-        with torch.no_grad():
-            coordinates = self.first.weight[:, :3].mul_(COORDINATES_SAY)
-            self.first.bias.copy_(-coordinates.sum(dim=1) / 2)
         last = nn.Linear(64, 3)
         self.rest = nn.Sequential(SharedMLP(256, 256, 64, slope=0.1), last)
-        # Plane points begin where they are. Moved together by a bias of a tenth of a patch, or of the whole cloud, the
-        # network learns before all else to move nothing, and its units die of it.
+        begin(self)
         with torch.no_grad():
+            # Three of 771 inputs begin with no say, and all points of a patch would be moved as one.
+            coordinates = nn.init.normal_(self.first.weight[:, :3], std=COORDINATES_STD)
+            self.first.bias.copy_(-coordinates.sum(dim=1) / 2)
+            # Plane points begin where they are. Moved together by a bias of a tenth of a patch, or of the whole cloud,
+            # the network learns before all else to move nothing, and its units die of it.
             last.weight.mul_(0.01)
             last.bias.zero_()
 

@@ -79,8 +79,8 @@ class DeepPCDTrainee(Trainee):
         scaled = patches.grid.scaled(truth)
         patch_of, patch_truth = true_patches(patches, scaled)
         around = Neighborhoods.of(patches.points)
-        seeds = around.sampled_1[:, : self.options.plane_points // GRID_SIDE**2, None]
-        seeds = np.take_along_axis(patches.points, seeds, axis=1)
+        rows = around.sampled_1[:, : self.options.plane_points // GRID_SIDE**2, None]
+        seeds = np.take_along_axis(patches.points, rows, axis=1)
         moved = round(SHARE_MOVED * self.options.plane_points)
         chosen = rng.random((len(patches.points), self.options.plane_points)).argsort(axis=1)[:, :moved]
         return {

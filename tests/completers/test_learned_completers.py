@@ -80,6 +80,12 @@ def test_what_was_observed_alone_is_returned_where_nothing_else_was_found(room):
     assert len(merged(room, room, 2.0, rng())) == len(room)
 
 
+def test_what_lies_over_observed_surface_is_the_networks_error_and_not_added(room):
+    middle = room.points.mean(axis=0)
+    hovering = PointCloud(room.points + 0.2 * (middle - room.points))  # 4 to 8 spacings off the walls
+    assert len(merged(room.without_colors(), hovering, 3.0, rng())) == len(room)
+
+
 def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
     result = DeepPCD(DeepPCDOptions(grid=2, plane_points=256), networks["geometry"], networks["painting"])
     completed = result.complete(room, rng())
