@@ -56,7 +56,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         )
 
     options: Options
-    version = "4"
+    version = "5"
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
 
     def __init__(
