@@ -130,8 +130,8 @@ class Standardized(nn.Module):
                 flat = x.flatten(0, -2).float()
                 self.mean.lerp_(flat.mean(dim=0), share)
                 self.variance.lerp_((flat - self.mean).square().mean(dim=0), share)
-        scale = (self.variance + 1e-4).rsqrt()
-        return x * scale.to(x.dtype) - (self.mean * scale).to(x.dtype)
+        # In float32: a mean that is many times the spread leaves little of a bfloat16.
+        return ((x.float() - self.mean) * (self.variance + 1e-4).rsqrt()).to(x.dtype)
 
 
 class SplitLinear(nn.Linear):
