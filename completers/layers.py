@@ -168,11 +168,15 @@ def begin(network: nn.Module) -> None:
     what reads them dies before it learns to tell one from another.
     """
     for module in network.modules():
-        layers = list(module) if isinstance(module, SharedMLP) else [module] * isinstance(module, SplitLinear)
-        for layer in layers:
-            assert isinstance(layer, nn.Linear)
-            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
-            nn.init.zeros_(layer.bias)
+        if isinstance(module, SharedMLP):
+            before_relu: list[nn.Module] = list(module)
+        elif isinstance(module, SplitLinear):
+            before_relu = [module]
+        else:
+            continue
+        for layer in before_relu:
+            nn.init.kaiming_normal_(layer.get_parameter("weight"), nonlinearity="relu")
+            nn.init.zeros_(layer.get_parameter("bias"))
 
 
 def moved_by(points: Tensor, own: Tensor) -> Tensor:

@@ -11,14 +11,18 @@ from pcdbench.geometry.sampling import apart_indices
 from pcdbench.threads import thread_count
 
 
-def unoriented_normals(points: NDArray[np.float64], neighbors: int = 12) -> NDArray[np.float64]:
+def unoriented_normals(
+    points: NDArray[np.float64], neighbors: int = 12, at: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
     """(N, 3) unit normals, of either sign: the direction of least spread of a point's nearest `neighbors`.
 
     Args:
         points: (N, 3) metres, near the origin.
+        at: (M, 3) places whose normals are asked for instead, (M, 3).
     """
-    _, index = cKDTree(points).query(points, k=min(neighbors, len(points)), workers=thread_count())
-    spread = points[index.reshape(len(points), -1)]
+    at = points if at is None else at
+    _, index = cKDTree(points).query(at, k=min(neighbors, len(points)), workers=thread_count())
+    spread = points[index.reshape(len(at), -1)]
     spread = spread - spread.mean(axis=1, keepdims=True)
     _, axes = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)
     return axes[:, :, 0]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from ..layers import SharedMLP, begin, neighbor_max, rows_of
+from ..layers import SharedMLP, neighbor_max, rows_of
 
 Neighbors = tuple[Tensor, Tensor, Tensor, Tensor]  # the fields of `Neighborhoods`, in order
 
@@ -25,7 +25,6 @@ class PatchEncoder(nn.Module):
         self.mlp_1 = SharedMLP(channels, 64, 128)
         self.mlp_2 = SharedMLP(128 + 3, 256, 384)
         self.mlp_3 = SharedMLP(384 + 3, *last)
-        begin(self)
 
     def forward(self, points: Tensor, extra: Tensor | None, around: Neighbors) -> tuple[Tensor, Tensor, Tensor]:
         """The N / 8 points (P, N / 8, 3) sampled last with their features (P, N / 8, 384), and the patch's (P, last).

@@ -49,6 +49,7 @@ class DeepPCDNetwork(nn.Module):
         super().__init__()
         self.plane_points = plane_points
         self.encoder = PatchEncoder(3, (512, FEATURE))
+        begin(self.encoder)
         self.of_points, self.of_patches = Standardized(POINT_FEATURE), Standardized(FEATURE)
         self.relations = Relations()
         self.generator = PlanePointGenerator() if generator else None
@@ -74,12 +75,13 @@ class DeepPCDNetwork(nn.Module):
             chosen: (P, K) int64, the plane points to go on with; all of them where it is None.
         """
         coarse, features, patch = self.encoder(points, None, around)
-        features, patch = self.of_points(features), self.relations(self.of_patches(patch), cells)
+        patch = self.relations(self.of_patches(patch), cells)
         turns = None
         if self.generator is None:
             planes = _flat_grid(self.plane_points, points.device).expand(len(points), -1, -1)
         else:
             seeds = self.plane_points // GRID_SIDE**2
+            features = self.of_points(features)
             turns = self.generator(coarse[:, :seeds], features[:, :seeds], patch)
             planes = plane_points(coarse[:, :seeds], turns)
         if chosen is not None:

@@ -8,15 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.options import Options
 from pcdbench.training.chamfer import matched
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
+from ..local_surface import unoriented_normals
 from ..patch_truth import TRUTH_POINTS, distances_by_patch, evenly, true_patches
 from ..patches import Patches
 from .completer import DeepPCD, DeepPCDOptions
@@ -29,7 +28,6 @@ PATCH_WEIGHT = 0.5
 # a wall is nearer to it the smaller it is, whichever way it leans. So the generator is told directly how surface lies,
 # and the published |I - R^T R|^2 counts twenty times as much, so that planes turn and do not shrink.
 PLANE_WEIGHT, FACE_WEIGHT, TURN_WEIGHT = 0.5, 0.02, 0.02
-NORMAL_OF = 12  # true points around a seed
 NEIGHBORHOODS = tuple(field.name for field in fields(Neighborhoods))
 EPOCH = 1_200  # samples, as published
 
@@ -81,6 +79,7 @@ class DeepPCDTrainee(Trainee):
         around = Neighborhoods.of(patches.points)
         rows = around.sampled_1[:, : self.options.plane_points // GRID_SIDE**2, None]
         seeds = np.take_along_axis(patches.points, rows, axis=1)
+        normals = unoriented_normals(scaled, at=(patches.low[:, None] + patches.scale * seeds).reshape(-1, 3))
         moved = round(SHARE_MOVED * self.options.plane_points)
         chosen = rng.random((len(patches.points), self.options.plane_points)).argsort(axis=1)[:, :moved]
         return {
@@ -93,7 +92,7 @@ class DeepPCDTrainee(Trainee):
             "truth": scaled.astype(np.float32),
             "patch_truth": patch_truth,
             "patch_of": patch_of,
-            "normals": _true_normals(patches.low[:, None] + patches.scale * seeds, scaled),
+            "normals": normals.reshape(seeds.shape).astype(np.float32),
         }
 
     def loss(self, network: nn.Module, example: dict[str, Tensor]) -> dict[str, Tensor]:
@@ -123,11 +122,3 @@ def _patch_chamfer(points: Tensor, example: dict[str, Tensor]) -> Tensor:
     """The mean over patches of the Chamfer distance of (P, K, 3) points to the patches' truth."""
     to_truth, from_truth = distances_by_patch(points, example["patch_truth"], example["patch_of"], power=2)
     return (to_truth + from_truth).mean()
-
-
-def _true_normals(places: NDArray[np.float64], truth: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(P, S, 3) unit normals, of either sign, of the (T, 3) true points nearest to (P, S, 3) places."""
-    _, near = loose_tree(truth).query(places.reshape(-1, 3), k=min(NORMAL_OF, len(truth)))
-    spread = truth[near] - truth[near].mean(axis=1, keepdims=True)
-    axes = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1]
-    return axes[:, :, 0].reshape(places.shape).astype(np.float32)
