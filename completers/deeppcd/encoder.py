@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from ..layers import SharedMLP, neighbor_max, rows_of
+from ..layers import SharedMLP, Standardized, neighbor_max, rows_of
 
 Neighbors = tuple[Tensor, Tensor, Tensor, Tensor]  # the fields of `Neighborhoods`, in order
+NEAREST = 8  # of the second PConv's neighbours: with 32 a floor near a wall looks like a wall
 
 
 class PatchEncoder(nn.Module):
@@ -18,10 +19,13 @@ class PatchEncoder(nn.Module):
     Args:
         channels: of a point: 3, or 6 with colour.
         last: widths after the second PConv.
+        local: the first PConv tells by how much the maximum exceeds the sampled point's own feature, standardised,
+            and the second looks at the nearest 8 neighbours alone.
     """
 
-    def __init__(self, channels: int, last: Sequence[int]) -> None:
+    def __init__(self, channels: int, last: Sequence[int], local: bool = False) -> None:
         super().__init__()
+        self.rise = Standardized(128) if local else None
         self.mlp_1 = SharedMLP(channels, 64, 128)
         self.mlp_2 = SharedMLP(128 + 3, 256, 384)
         self.mlp_3 = SharedMLP(384 + 3, *last)
@@ -36,7 +40,12 @@ class PatchEncoder(nn.Module):
         sampled_1, neighbors_1, sampled_2, neighbors_2 = (rows.long() for rows in around)
         fine = self.mlp_1(points if extra is None else torch.cat([points, extra], dim=2))
         middle = rows_of(points, sampled_1)
-        features = self.mlp_2(torch.cat([neighbor_max(fine, neighbors_1), middle.to(fine.dtype)], dim=2))
+        pooled = neighbor_max(fine, neighbors_1)
+        if self.rise is not None:
+            # How far the surface goes in which direction, wherever it is: a plane's normal can be read from that.
+            pooled = self.rise(pooled - rows_of(fine, sampled_1))
+            neighbors_2 = neighbors_2[:, :, :NEAREST]
+        features = self.mlp_2(torch.cat([pooled, middle.to(pooled.dtype)], dim=2))
         coarse = rows_of(middle, sampled_2)
         features = neighbor_max(features, neighbors_2)
         patch = self.mlp_3(torch.cat([features, coarse.to(features.dtype)], dim=2)).amax(dim=1)

@@ -16,7 +16,7 @@ FEATURE = 768
 POINT_FEATURE = 384
 LONGEST_WAVE = 1e4  # times the shortest, which is 2 pi cells
 GRID_SIDE = 4  # points along a side of the planar grid
-GRID_HALF_WIDTH = 0.1  # of the patch: seeds are about an eighth apart, so planes reach into holes
+GRID_HALF_WIDTH = 0.14  # of the patch: seeds are about an eighth apart, so planes reach into holes
 COORDINATES_STD = 5.0  # where in its patch a point lies then has as much of a say as what the patch looks like
 TOGETHER = 2  # patches
 
@@ -48,7 +48,7 @@ class DeepPCDNetwork(nn.Module):
     def __init__(self, plane_points: int = 1024, generator: bool = True) -> None:
         super().__init__()
         self.plane_points = plane_points
-        self.encoder = PatchEncoder(3, (512, FEATURE))
+        self.encoder = PatchEncoder(3, (512, FEATURE), local=True)
         begin(self.encoder)
         self.of_points, self.of_patches = Standardized(POINT_FEATURE), Standardized(FEATURE)
         self.relations = Relations()
@@ -139,8 +139,10 @@ class PlanePointGenerator(nn.Module):
         self.rest = nn.Sequential(SharedMLP(1024, 512, 256), last)
         begin(self)
         with torch.no_grad():
+            # The patch's feature, two thirds of the inputs, begins with little of a say: it is the same for all points.
+            self.first.weight[:, POINT_FEATURE + 3 :].mul_(0.1)
             last.weight.mul_(0.1)
-            last.bias.copy_(torch.eye(3).flatten())
+            last.bias.copy_(_oblique().flatten())
 
     def forward(self, points: Tensor, features: Tensor, patch: Tensor) -> Tensor:
         """(P, S, 3, 3) float32 of (P, S, 3) points, their features (P, S, 384) and their patch's (P, 768)."""
@@ -155,6 +157,17 @@ def plane_points(points: Tensor, turns: Tensor) -> Tensor:
     grid = torch.cartesian_prod(line, line)
     with torch.autocast(points.device.type, enabled=False):
         return (points[:, :, None] + grid @ turns[..., :2].transpose(2, 3)).flatten(1, 2)
+
+
+def _oblique() -> Tensor:
+    """(3, 3) the rotation that takes the vertical to (1, 1, 1) / sqrt 3.
+
+    From there floors and walls are equally far, and each is nearest in one sense of turning. A level plane at a wall
+    does not know which way to turn: both ways it leans equally, and the gradient is zero.
+    """
+    normal = torch.full((3,), 3**-0.5)
+    first = torch.tensor([1.0, -1.0, 0.0]) / 2**0.5
+    return torch.stack([first, torch.linalg.cross(normal, first), normal], dim=1)
 
 
 def _flat_grid(count: int, device: torch.device) -> Tensor:

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from pcdbench.options import Options
 from pcdbench.training.chamfer import matched
@@ -24,17 +25,17 @@ from .network import GRID_SIDE, DeepPCDNetwork
 
 SHARE_MOVED = 0.5  # of the plane points, drawn anew for each example: half the displacement's cost
 PATCH_WEIGHT = 0.5
-# What follows is not published as it is. Planes begin level, and Chamfer distances do not raise them: a level plane at
-# a wall is nearer to it the smaller it is, whichever way it leans. So the generator is told directly how surface lies,
-# and the published |I - R^T R|^2 counts twenty times as much, so that planes turn and do not shrink.
-PLANE_WEIGHT, FACE_WEIGHT, TURN_WEIGHT = 0.5, 0.02, 0.02
+# Published is the weight of |I - R^T R|^2; the plane points' own distances and how far planes lean are not: Chamfer
+# distances hardly turn a plane, since across a wall it is nearer to it the smaller it is, whichever way it leans.
+TURN_WEIGHT = 0.001
+PLANE_WEIGHT, FACE_WEIGHT = 0.5, 0.02
 NEIGHBORHOODS = tuple(field.name for field in fields(Neighborhoods))
 EPOCH = 1_200  # samples, as published
 
 
 class DeepPCDTrainee(Trainee):
-    """Chamfer distance of the cloud + 0.5 times that of its patches, as published; and for the generator's turns R
-    + 0.5 times that of the plane points + 0.02 (|I - R^T R|^2 + how far planes lean out of the true surface).
+    """Chamfer distance of the cloud + 0.5 times that of its patches + 0.001 |I - R^T R|^2 for the generator's turns R,
+    as published, + 0.5 times that of the plane points + 0.02 times how far planes lean out of the true surface.
     """
 
     presets: ClassVar[Mapping[str, Preset]] = {
@@ -111,9 +112,9 @@ class DeepPCDTrainee(Trainee):
             turned = turns.float()
             off = turned.transpose(-1, -2) @ turned - torch.eye(3, device=turned.device)
             terms["turn"] = off.square().sum(dim=(-1, -2)).mean()
-            # A plane lies along the first two columns.
-            leaning = example["normals"][..., None, :] @ turned[..., :2]
-            terms["face"] = leaning.square().sum(dim=(-1, -2)).mean()
+            # A plane lies along the first two columns; how far it reaches along them is for the distances to say.
+            normals = functional.normalize(torch.linalg.cross(turned[..., 0], turned[..., 1]), dim=-1, eps=1e-6)
+            terms["face"] = 1 - (normals * example["normals"]).sum(dim=-1).square().mean()
             loss = loss + TURN_WEIGHT * terms["turn"] + FACE_WEIGHT * terms["face"]
         return {"loss": loss, **terms}
 
