@@ -16,10 +16,13 @@ from pcdbench.weights import LearnedCompleter
 
 from .local_surface import spread_evenly, surface_spacing, unoriented_normals
 from .patches import Patches
+from .prism import Prism
 
 NEIGHBORS = 10
 JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
 MOST_REACH = 3.0
+PRISM_CELL = 3.5  # spacings: what has no neighbours within it is a stray
+BEYOND = 1.0  # spacings outside of the prism around what was observed, from which on nothing is added
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
 DARTS_PER_SPACING = 0.74
 
@@ -81,10 +84,11 @@ class LonePatchCompleter(PatchwiseCompleter):
 def merged(
     cloud: pcdbench.PointCloud, found: pcdbench.PointCloud, clearance_spacings: float, rng: np.random.Generator
 ) -> pcdbench.PointCloud:
-    """Every observed point, and found ones where nothing was observed, at the observed density.
+    """Every observed point, and found ones among them where nothing was observed, at the observed density.
 
     What a network puts above or below observed surface is its own error; in a hole it lies beside what was observed.
-    So distances are taken along the surface, in the plane of the nearest observed point. A found point far enough away
+    So distances are taken along the surface, in the plane of the nearest observed point. Outside of the upright prism
+    around what was observed nothing is added: planes go on beyond the walls that end them. A found point that is left
     gives a few candidates, spread over the plane that fits its neighbours; blue noise chooses among them. So sparse
     finds become as dense as the cloud, and dense ones no denser.
 
@@ -100,8 +104,11 @@ def merged(
     off = points - observed[rows]
     normals = unoriented_normals(observed)[rows]
     along = off - np.einsum("ni,ni->n", off, normals)[:, None] * normals
-    away = np.flatnonzero(np.linalg.norm(along, axis=1) > clearance_spacings * spacing_m)
-    if not len(away) or spacing_m == 0.0:
+    if spacing_m == 0.0:
+        return cloud
+    among = Prism.around(observed, PRISM_CELL * spacing_m).depth(points) > -BEYOND * spacing_m
+    away = np.flatnonzero(among & (np.linalg.norm(along, axis=1) > clearance_spacings * spacing_m))
+    if not len(away):
         return cloud
     # Sparser finds need more candidates, and farther about.
     reach = float(np.clip(surface_spacing(points) / spacing_m, 1.0, MOST_REACH))

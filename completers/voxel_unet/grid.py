@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 
-from .prism import Prism
+from ..prism import Prism
 
 CHANNELS = 13
 NEAR, DEEP = -4.0, 12.0  # voxels: how far outside and inside of the prism depths are told apart

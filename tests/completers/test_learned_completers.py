@@ -86,6 +86,17 @@ def test_what_lies_over_observed_surface_is_the_networks_error_and_not_added(roo
     assert len(merged(room.without_colors(), hovering, 3.0, rng())) == len(room)
 
 
+def test_nothing_is_added_beyond_the_walls_and_the_ceiling(room):
+    walls = room.points.max(axis=0)
+    for axis in range(3):
+        beyond = room.points.copy()
+        beyond[:, axis] += walls[axis]
+        added = merged(room.without_colors(), PointCloud(beyond), 3.0, rng()).points[len(room) :]
+        assert (added <= walls + 0.2).all()
+        # A floor that goes on through a wall is all that lies beside what was observed.
+        assert len(added) < 0.05 * len(room)
+
+
 def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
     result = DeepPCD(DeepPCDOptions(grid=2, plane_points=256), networks["geometry"], networks["painting"])
     completed = result.complete(room, rng())

@@ -9,6 +9,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from pcdbench_completers.local_surface import surface_spacing
+from pcdbench_completers.prism import Prism
 from pcdbench_completers.voxel_unet import tiles
 from pcdbench_completers.voxel_unet.completer import (
     MAX_SHIFT,
@@ -21,7 +22,6 @@ from pcdbench_completers.voxel_unet.completer import (
 )
 from pcdbench_completers.voxel_unet.grid import CHANNELS, Grid, network_input, sub_voxel_means
 from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, placed, split_voxels
-from pcdbench_completers.voxel_unet.prism import Prism
 from pcdbench_completers.voxel_unet.tiles import Prediction
 from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
 from scipy.spatial import cKDTree
