@@ -16,13 +16,12 @@ from pcdbench.weights import LearnedCompleter
 
 from .local_surface import spread_evenly, surface_spacing, unoriented_normals
 from .patches import Patches
-from .prism import Prism
+from .prism import BEYOND, Prism
 
 NEIGHBORS = 10
 JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
 MOST_REACH = 3.0
 PRISM_CELL = 3.5  # spacings: what has no neighbours within it is a stray
-BEYOND = 1.0  # spacings outside of the prism around what was observed, from which on nothing is added
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
 DARTS_PER_SPACING = 0.74
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 FEWEST = 4  # points of a cell; those of emptier ones are strays
+BEYOND = 1.0  # spacings outside of the prism around what was observed, from which on completers add nothing
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
+from torch.nn import functional as F
 
 from pcdbench.options import Options
 from pcdbench.training.chamfer import matched
@@ -113,7 +113,7 @@ class DeepPCDTrainee(Trainee):
             off = turned.transpose(-1, -2) @ turned - torch.eye(3, device=turned.device)
             terms["turn"] = off.square().sum(dim=(-1, -2)).mean()
             # A plane lies along the first two columns; how far it reaches along them is for the distances to say.
-            normals = functional.normalize(torch.linalg.cross(turned[..., 0], turned[..., 1]), dim=-1, eps=1e-6)
+            normals = F.normalize(torch.linalg.cross(turned[..., 0], turned[..., 1]), dim=-1, eps=1e-6)
             terms["face"] = 1 - (normals * example["normals"]).sum(dim=-1).square().mean()
             loss = loss + TURN_WEIGHT * terms["turn"] + FACE_WEIGHT * terms["face"]
         return {"loss": loss, **terms}

@@ -17,6 +17,7 @@ from pcdbench.weights import LearnedCompleter
 
 from ..inpainting import inpainted_colors
 from ..local_surface import spread_evenly, surface_spacing
+from ..prism import BEYOND
 from .grid import Grid
 from .tiles import Prediction, predict
 
@@ -29,7 +30,6 @@ FEWEST_POINTS = 30  # fewer say nothing about a surface: they are returned as th
 NEIGHBORS = 10
 JITTERS = 4  # candidates a sub-voxel: what blue noise chooses from
 UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was observed
-BEYOND = 1.0  # spacings outside of the prism around what was observed, from which on nothing is added
 LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
 # Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
 USUAL_SHARE = 0.44

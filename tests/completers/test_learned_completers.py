@@ -223,15 +223,15 @@ def test_a_run_tells_what_it_leaves_out_in_one_line_for_all_without_weights(monk
 
 def test_the_color_network_in_the_package_paints_what_was_not_observed(room):
     """Where nothing was observed, and nowhere else."""
-    kept = np.linalg.norm(room.points - room.points[0], axis=1) > 1.0
-    cloud = room.select(kept)
+    cloud = far_from(room, room.points[::600].tolist(), 0.6)
     painted = DeepPCD(DeepPCDOptions(color="network")).complete(cloud, rng())
     nearest = DeepPCD().complete(cloud, rng())
     assert np.array_equal(painted.points, nearest.points)
     other = np.any(painted.colors != nearest.colors, axis=1)
+    assert 0.02 < other.mean() < 0.9
     away, _ = cKDTree(cloud.points).query(nearest.points)
     new = away > deeppcd.OBSERVED_SPACINGS * surface_spacing(cloud.points - cloud.points.mean(axis=0))
-    assert new.sum() > 100 and other[new].mean() > 0.95 and not other[~new].any()
+    assert other[new].mean() > 0.95 and not other[~new].any()
     assert painted.colors.min() >= 0 and painted.colors.max() <= 1
 
 
