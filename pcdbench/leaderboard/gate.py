@@ -26,6 +26,9 @@ SIGNIFICANCE = 0.01
 LEAST_CHANGE = 1e-3
 """Smaller mean changes, as shares of the metric's mean, are no regression however certain they are."""
 SLOWER = 2.0
+SLOWER_ELSEWHERE = 6.0
+"""Twice the most that another processor made of a completer that nobody had changed: how much faster a processor
+multiplies matrices in bfloat16 than it does anything else is its own."""
 _SHORTEST_SECONDS = 0.002
 _SAME = 1e-9
 
@@ -90,7 +93,7 @@ def check(committed: Board, fresh: Board) -> Verdict:
       `SIGNIFICANCE`.
     - A case that was measured and is not any more is `failed`.
     - A completer is `slower` where the median of its cases' times, as ratios to the calibration job of the same run,
-      is `SLOWER` times what it was.
+      is `SLOWER` times what it was; `SLOWER_ELSEWHERE` times where another processor measured the board.
 
     Raises:
         PcdbenchError: where both have too few cases in common.
@@ -305,21 +308,34 @@ def _time_changes(committed: Board, fresh: Board, pairs: Mapping[str, Sequence[_
     for label, its in pairs.items():
         if committed.completer_of[label].reference:
             continue
-        ratios = []
+        ratios, elsewhere = [], set[str]()
         for pair in its:
             old = _calibrated(committed, pair.old)
             new = _calibrated(fresh, pair.new)
             if old and new and max(pair.old.seconds or 0, pair.new.seconds or 0) >= _SHORTEST_SECONDS:
                 ratios.append(new / old)
+                was, now = _processor(committed, pair.old), _processor(fresh, pair.new)
+                if was != now:
+                    elsewhere.add(f"{was}; here: {now}")
         if len(ratios) >= FEWEST_CASES:
             ratio = float(np.median(ratios))
             told = f"{label} takes {ratio:.2g} times its time on the board, calibrated (median of {len(ratios)} cases)"
-            if ratio >= SLOWER:
+            limit = SLOWER
+            if elsewhere:
+                limit = SLOWER_ELSEWHERE
+                told += f", measured by another processor ({', '.join(sorted(elsewhere))})"
+            if ratio >= limit:
                 yield Finding("slower", label, "", told)
-            elif ratio <= 1 / SLOWER:
+            elif ratio >= SLOWER:
+                yield Finding("note", label, "", f"{told}: no regression below {limit:g} times")
+            elif ratio <= 1 / limit:
                 yield Finding("faster", label, "", told)
         elif its:
             yield Finding("note", label, "", f"{label} has no times to compare")
+
+
+def _processor(board: Board, cell: BoardCell) -> str:
+    return str(board.runs[cell.run].facts.get("machine", {}).get("cpu") or "unknown")
 
 
 def _calibrated(board: Board, cell: BoardCell) -> float | None:

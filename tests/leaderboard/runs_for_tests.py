@@ -67,6 +67,7 @@ def store_run(
     *,
     cards: dict[str, Any] | None = None,
     calibration: float | None = 1.0,
+    cpu: str = "a processor",
     split: str = "test",
     time: str = "2026-01-01T00:00:00Z",
 ) -> Path:
@@ -82,7 +83,7 @@ def store_run(
         "configuration": {"split": split, "seed": 0, "completers": described},
         "time": time,
         "calibration_seconds": calibration,
-        "machine": {"cpu": "a processor", "cores": 2},
+        "machine": {"cpu": cpu, "cores": 2},
     }
     (folder / "run.json").write_text(json.dumps(facts))
     (folder / "rows.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -156,6 +156,16 @@ def test_time_is_a_ratio_to_the_calibration_job(tmp_path):
     assert unknown.holds and "a has no times to compare" in verdict_text(unknown)
 
 
+def test_another_processor_makes_slower_only_what_it_cannot_explain(tmp_path):
+    committed = board(tmp_path / "one", rows(seconds=1.0), cpu="of a make")
+    blurred = check(committed, board(tmp_path / "two", rows(seconds=4.0), cpu="of another"))
+    assert kinds(blurred) == {("note", "a", "")} and blurred.holds
+    assert "another processor (of a make; here: of another): no regression below 6 times" in verdict_text(blurred)
+    assert kinds(check(committed, board(tmp_path / "three", rows(seconds=7.0), cpu="of another"))) == {
+        ("slower", "a", "")
+    }
+
+
 def test_a_raised_version_is_compared_and_so_are_other_options_of_the_only_one(tmp_path):
     committed = board(tmp_path / "one", rows())
     assert check(committed, board(tmp_path / "two", rows(version="2"))).compared == (("a", "task"),)
