@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 import pcdbench
-from pcdbench.geometry.neighbors import nearest
+from pcdbench.geometry.neighbors import loose_tree, nearest
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
@@ -21,6 +21,9 @@ from .prism import BEYOND, Prism
 NEIGHBORS = 10
 JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
 MOST_REACH = 3.0
+# A found point counts where so many others within so many spacings lie in its plane (within one spacing): those that
+# one plane alone leaves behind, off the surface or past its edge, have fewer.
+BESIDE, BESIDE_SPACINGS, BESIDE_OF = 6, 3.0, 32
 PRISM_CELL = 3.5  # spacings: what has no neighbours within it is a stray
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
 DARTS_PER_SPACING = 0.74
@@ -80,6 +83,23 @@ class LonePatchCompleter(PatchwiseCompleter):
         """(P, K, 3) the network's points, as patches are scaled; gradients are off."""
 
 
+def _beside(points: NDArray[np.float64], which: NDArray[np.int64], spacing_m: float) -> NDArray[np.int64]:
+    """(W,) how many others are near each of these (W,) rows of (N, 3) points, and lie in its plane."""
+    if not len(which):
+        return np.zeros(0, np.int64)
+    at = points[which]
+    distances, rows = loose_tree(points).query(
+        at,
+        k=min(BESIDE_OF + 1, len(points)),
+        distance_upper_bound=BESIDE_SPACINGS * spacing_m,
+        workers=thread_count(),
+    )
+    near = np.isfinite(distances[:, 1:])
+    off = points[np.minimum(rows[:, 1:], len(points) - 1)] - at[:, None]
+    heights = np.einsum("nki,ni->nk", off, unoriented_normals(points, at=at))
+    return (near & (np.abs(heights) < spacing_m)).sum(axis=1)
+
+
 def merged(
     cloud: pcdbench.PointCloud, found: pcdbench.PointCloud, clearance_spacings: float, rng: np.random.Generator
 ) -> pcdbench.PointCloud:
@@ -87,9 +107,9 @@ def merged(
 
     What a network puts above or below observed surface is its own error; in a hole it lies beside what was observed.
     So distances are taken along the surface, in the plane of the nearest observed point. Outside of the upright prism
-    around what was observed nothing is added: planes go on beyond the walls that end them. A found point that is left
-    gives a few candidates, spread over the plane that fits its neighbours; blue noise chooses among them. So sparse
-    finds become as dense as the cloud, and dense ones no denser.
+    around what was observed nothing is added: planes go on beyond the walls that end them; nor where a found point has
+    hardly others beside it. One that is left gives a few candidates, spread over the plane that fits its neighbours;
+    blue noise chooses among them. So sparse finds become as dense as the cloud, and dense ones no denser.
 
     Args:
         clearance_spacings: how far is far enough, in spacings of the observed points.
@@ -107,10 +127,11 @@ def merged(
         return cloud
     among = Prism.around(observed, PRISM_CELL * spacing_m).depth(points) > -BEYOND * spacing_m
     away = np.flatnonzero(among & (np.linalg.norm(along, axis=1) > clearance_spacings * spacing_m))
-    if not len(away):
-        return cloud
     # Sparser finds need more candidates, and farther about.
     reach = float(np.clip(surface_spacing(points) / spacing_m, 1.0, MOST_REACH))
+    away = away[_beside(points, away, reach * spacing_m) >= BESIDE]
+    if not len(away):
+        return cloud
     points = points[away]
     added, source = spread_evenly(
         points,

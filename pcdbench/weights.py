@@ -61,8 +61,9 @@ class Weights:
         """The tensors by name, in float32.
 
         Raises:
-            PcdbenchError: where the file is not safetensors.
+            PcdbenchError: where the file is not safetensors, or holds what is no number.
         """
+        import torch
         from safetensors import SafetensorError
         from safetensors.torch import load_file
 
@@ -70,6 +71,9 @@ class Weights:
             loaded = load_file(self.path)
         except SafetensorError as error:
             raise PcdbenchError(f"{self.path} does not hold weights ({error}); give a safetensors file") from error
+        for key, value in loaded.items():
+            if not bool(torch.isfinite(value).all()):
+                raise PcdbenchError(f"{self.path} holds infinite or undefined numbers ({key}); train it again")
         return {key: value.float() if value.is_floating_point() else value for key, value in loaded.items()}
 
     def origin(self) -> dict[str, Any]:

@@ -19,13 +19,13 @@ class PatchEncoder(nn.Module):
     Args:
         channels: of a point: 3, or 6 with colour.
         last: widths after the second PConv.
-        local: the first PConv tells by how much the maximum exceeds the sampled point's own feature, standardised,
-            and the second looks at the nearest 8 neighbours alone.
+        local: the first PConv tells by how much the maximum exceeds the sampled point's own feature, standardised;
+            the second looks at the nearest 8 neighbours alone, and what it tells is standardised.
     """
 
     def __init__(self, channels: int, last: Sequence[int], local: bool = False) -> None:
         super().__init__()
-        self.rise = Standardized(128) if local else None
+        self.rise, self.of_points = (Standardized(128), Standardized(384)) if local else (None, None)
         self.mlp_1 = SharedMLP(channels, 64, 128)
         self.mlp_2 = SharedMLP(128 + 3, 256, 384)
         self.mlp_3 = SharedMLP(384 + 3, *last)
@@ -48,5 +48,8 @@ class PatchEncoder(nn.Module):
         features = self.mlp_2(torch.cat([pooled, middle.to(pooled.dtype)], dim=2))
         coarse = rows_of(middle, sampled_2)
         features = neighbor_max(features, neighbors_2)
+        if self.of_points is not None:
+            # Features that are all positive keep half of the units that read them off, and the others on, for good.
+            features = self.of_points(features)
         patch = self.mlp_3(torch.cat([features, coarse.to(features.dtype)], dim=2)).amax(dim=1)
         return coarse, features, patch

@@ -17,6 +17,7 @@ POINT_FEATURE = 384
 LONGEST_WAVE = 1e4  # times the shortest, which is 2 pi cells
 GRID_SIDE = 4  # points along a side of the planar grid
 GRID_HALF_WIDTH = 0.14  # of the patch: seeds are about an eighth apart, so planes reach into holes
+GRID_HEIGHT = 2 * GRID_HALF_WIDTH  # of the planar grid: the matrix's last column moves it, into holes beside the seed
 COORDINATES_STD = 5.0  # where in its patch a point lies then has as much of a say as what the patch looks like
 TOGETHER = 2  # patches
 
@@ -50,7 +51,8 @@ class DeepPCDNetwork(nn.Module):
         self.plane_points = plane_points
         self.encoder = PatchEncoder(3, (512, FEATURE), local=True)
         begin(self.encoder)
-        self.of_points, self.of_patches = Standardized(POINT_FEATURE), Standardized(FEATURE)
+        # First each patch by itself: otherwise features grow and grow, since what reads them takes their size away.
+        self.of_patches = nn.Sequential(nn.LayerNorm(FEATURE, elementwise_affine=False), Standardized(FEATURE))
         self.relations = Relations()
         self.generator = PlanePointGenerator() if generator else None
         self.local_displacement = Displacement()
@@ -81,7 +83,6 @@ class DeepPCDNetwork(nn.Module):
             planes = _flat_grid(self.plane_points, points.device).expand(len(points), -1, -1)
         else:
             seeds = self.plane_points // GRID_SIDE**2
-            features = self.of_points(features)
             turns = self.generator(coarse[:, :seeds], features[:, :seeds], patch)
             planes = plane_points(coarse[:, :seeds], turns)
         if chosen is not None:
@@ -153,21 +154,20 @@ class PlanePointGenerator(nn.Module):
 def plane_points(points: Tensor, turns: Tensor) -> Tensor:
     """(P, S * 16, 3): the 4 x 4 planar grid turned by (P, S, 3, 3) matrices, placed at (P, S, 3) points."""
     line = torch.linspace(-GRID_HALF_WIDTH, GRID_HALF_WIDTH, GRID_SIDE, device=points.device)
-    # The grid has no height, so the matrix's last column has no part in it.
-    grid = torch.cartesian_prod(line, line)
+    grid = F.pad(torch.cartesian_prod(line, line), (0, 1), value=GRID_HEIGHT)
     with torch.autocast(points.device.type, enabled=False):
-        return (points[:, :, None] + grid @ turns[..., :2].transpose(2, 3)).flatten(1, 2)
+        return (points[:, :, None] + grid @ turns.transpose(2, 3)).flatten(1, 2)
 
 
 def _oblique() -> Tensor:
-    """(3, 3) the rotation that takes the vertical to (1, 1, 1) / sqrt 3.
+    """(3, 3) the matrix that puts the grid at its point, along the plane whose normal is (1, 1, 1) / sqrt 3.
 
     From there floors and walls are equally far, and each is nearest in one sense of turning. A level plane at a wall
     does not know which way to turn: both ways it leans equally, and the gradient is zero.
     """
-    normal = torch.full((3,), 3**-0.5)
     first = torch.tensor([1.0, -1.0, 0.0]) / 2**0.5
-    return torch.stack([first, torch.linalg.cross(normal, first), normal], dim=1)
+    second = torch.linalg.cross(torch.full((3,), 3**-0.5), first)
+    return torch.stack([first, second, torch.zeros(3)], dim=1)
 
 
 def _flat_grid(count: int, device: torch.device) -> Tensor:

@@ -23,8 +23,10 @@ from .completer import DeepPCD, DeepPCDOptions
 from .neighborhoods import Neighborhoods
 from .network import GRID_SIDE, DeepPCDNetwork
 
-SHARE_MOVED = 0.5  # of the plane points, drawn anew for each example: half the displacement's cost
+SHARE_MOVED = 0.25  # of the plane points, drawn anew for each example: a quarter of the displacement's cost
 PATCH_WEIGHT = 0.5
+# All distances are in the unit of the patches: squared ones of the cloud would be a tenth of those in its own, and
+# what learns would keep to its patch, where the truth of the neighbour counts for nothing.
 # Published is the weight of |I - R^T R|^2; the plane points' own distances and how far planes lean are not: Chamfer
 # distances hardly turn a plane, since across a wall it is nearer to it the smaller it is, whichever way it leans.
 TURN_WEIGHT = 0.001
@@ -102,7 +104,7 @@ class DeepPCDTrainee(Trainee):
             example["points"], around, example["cells"], example["low"], example["scale"], example["chosen"]
         )
         there, back = (step.square().sum(dim=1) for step in matched(points, example["truth"]))
-        cloud = there.mean() + back.mean()
+        cloud = (there.mean() + back.mean()) / example["scale"] ** 2
         patch = _patch_chamfer(patches, example)
         loss = cloud + PATCH_WEIGHT * patch
         terms = {"cloud": cloud, "patch": patch}

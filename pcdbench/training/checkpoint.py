@@ -65,13 +65,20 @@ def load_checkpoint(
 
 
 def save_weights(path: Path, average: Mapping[str, Tensor]) -> None:
-    """Write the averaged network in float16, as completers ship it."""
+    """Write the averaged network as completers ship it: in float16, and what that cannot hold in float32."""
     from safetensors.torch import save_file
 
     partial = path.with_suffix(".partial")
-    kept = {name: value.detach().cpu().contiguous() for name, value in average.items()}
-    save_file({name: value.half() if value.is_floating_point() else value for name, value in kept.items()}, partial)
+    save_file({name: _halved(value.detach().cpu().contiguous()) for name, value in average.items()}, partial)
     os.replace(partial, path)
+
+
+def _halved(value: Tensor) -> Tensor:
+    """In float16, unless it is a number of another kind or so large that it would become infinite."""
+    if not value.is_floating_point():
+        return value
+    half = value.half()
+    return half if bool(torch.isfinite(half).all()) else value
 
 
 def _require_shapes(tensors: Mapping[str, Tensor], like: Mapping[str, Tensor]) -> None:

@@ -259,20 +259,35 @@ def test_the_second_level_is_the_points_sampled_first(patches):
 
 
 def test_the_planar_grid_is_turned_and_placed():
-    turn = torch.tensor([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x to y, y to z
+    turn = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])  # x to y, y to z
     points = torch.tensor([[[0.5, 0.5, 0.5]]])
     placed = plane_points(points, turn[None, None])[0] - 0.5
     assert placed.shape == (16, 3) and placed[:, 0].abs().max() == 0
     assert placed[:, 1:].min() == pytest.approx(-0.14) and placed[:, 1:].max() == pytest.approx(0.14)
     assert len(torch.unique(placed, dim=0)) == 16
+    turn[:, 2] = torch.tensor([0.0, 0.5, 0])
+    moved = plane_points(points, turn[None, None])[0] - 0.5 - placed
+    assert torch.allclose(moved, torch.tensor([0.0, 0.14, 0]).expand(16, 3), atol=1e-6)
 
 
 def test_the_generator_begins_with_planes_as_far_from_floors_as_from_walls():
     torch.manual_seed(0)
     turns = PlanePointGenerator()(torch.rand(2, 5, 3), torch.rand(2, 5, 384), torch.rand(2, 768))
-    assert (turns.transpose(2, 3) @ turns - torch.eye(3)).abs().max() < 0.2
+    assert (turns.transpose(2, 3) @ turns - torch.diag(torch.tensor([1.0, 1, 0]))).abs().max() < 0.2
     normals = torch.linalg.cross(turns[..., 0], turns[..., 1])
     assert (normals - 3**-0.5).abs().max() < 0.1
+    assert torch.linalg.norm(turns[..., 2], dim=2).max() < 0.1
+
+
+def test_the_size_of_patch_features_does_not_matter(patches):
+    """Otherwise training makes them grow without end, until float16 does not hold them."""
+    torch.manual_seed(0)
+    network = DeepPCDNetwork().eval()
+    network.encoder.mlp_3[-1].bias.data.normal_()
+    before = completed(network, patches).planes
+    network.encoder.mlp_3[-1].bias.data.mul_(1000)
+    network.encoder.mlp_3[-1].weight.data.mul_(1000)
+    assert torch.allclose(completed(network, patches).planes, before, atol=1e-4)
 
 
 def test_planes_learn_to_lie_along_floors_and_walls():
@@ -284,10 +299,11 @@ def test_planes_learn_to_lie_along_floors_and_walls():
     optimizer = torch.optim.AdamW([*network.encoder.parameters(), *network.generator.parameters()], lr=1e-3)
     for _ in range(25):
         seeds, features, patch = network.encoder(torch.from_numpy(points), None, near)
-        turns = network.generator(seeds[:, :32], network.of_points(features)[:, :32], network.of_patches(patch))
+        turns = network.generator(seeds[:, :32], features[:, :32], network.of_patches(patch))
         across = torch.nn.functional.normalize(torch.linalg.cross(turns[..., 0], turns[..., 1]), dim=2)
         leaning = 1 - (across * normals).sum(dim=2).square().mean()
-        stretched = (turns.transpose(2, 3) @ turns - torch.eye(3)).square().sum(dim=(2, 3)).mean()
+        along = turns[..., :2]
+        stretched = (along.transpose(2, 3) @ along - torch.eye(2)).square().sum(dim=(2, 3)).mean()
         optimizer.zero_grad()
         (leaning + 0.05 * stretched).backward()
         optimizer.step()

@@ -99,6 +99,15 @@ def test_nothing_is_added_beyond_the_walls_and_the_ceiling(room):
         assert len(added) < 0.05 * len(room)
 
 
+def test_a_found_point_that_has_no_others_beside_it_is_not_added():
+    hole = np.array([3.0, 2.0, 0.0])
+    room = far_from(box_room(8000), [hole.tolist()], 1.0)
+    strays = rng().uniform([2.5, 1.5, 0.5], [3.5, 2.5, 2.0], (40, 3))
+    found = PointCloud(np.concatenate([box_room(8000).points, strays]))
+    added = merged(room.without_colors(), found, 3.0, rng()).points[len(room) :]
+    assert len(added) > 50 and added[:, 2].max() < 0.05
+
+
 def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
     result = DeepPCD(DeepPCDOptions(grid=2, plane_points=256), networks["geometry"], networks["painting"])
     completed = result.complete(room, rng())

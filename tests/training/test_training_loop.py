@@ -21,7 +21,7 @@ from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError
 from pcdbench.training import truths as truths_module
 from pcdbench.training.card import write_card
-from pcdbench.training.checkpoint import load_checkpoint
+from pcdbench.training.checkpoint import load_checkpoint, save_weights
 from pcdbench.training.curve import Curve
 from pcdbench.training.loop import Budget, Progress, train
 from pcdbench.training.stream import PairStream, TrainingPair
@@ -162,6 +162,22 @@ def test_what_only_training_needs_is_left_out_of_the_weights(tmp_path: Path) -> 
     train(Half(), tmp_path, Budget(steps=1), workers=0, report=lambda _: None, device="cpu")
     weights = Weights(tmp_path / "weights.safetensors", str(tmp_path / "weights.safetensors"), "half")
     assert set(weights.tensors()) == {"0.weight", "0.bias"}
+
+
+def test_weights_are_halved_but_where_float16_cannot_hold_them(tmp_path: Path) -> None:
+    path = tmp_path / "weights.safetensors"
+    tensors = {"large": torch.tensor([1.0, 1e5]), "small": torch.tensor([1.5]), "count": torch.tensor(7)}
+    save_weights(path, tensors)
+    assert {name: value.dtype for name, value in load_file(path).items()} == {
+        "large": torch.float32,
+        "small": torch.float16,
+        "count": torch.int64,
+    }
+    weights = Weights(path, str(path), "these")
+    assert all(torch.equal(value, tensors[name]) for name, value in weights.tensors().items())
+    save_weights(path, {"broken": torch.tensor([1.0, float("inf")])})
+    with pytest.raises(PcdbenchError, match=r"infinite or undefined numbers \(broken\)"):
+        Weights(path, str(path), "these").tensors()
 
 
 def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
