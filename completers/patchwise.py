@@ -23,7 +23,7 @@ JITTERS = 4  # candidates a point of the network's, if as dense as the observed 
 MOST_REACH = 3.0
 # A found point counts where so many others within so many spacings lie in its plane (within one spacing): those that
 # one plane alone leaves behind, off the surface or past its edge, have fewer.
-BESIDE, BESIDE_SPACINGS, BESIDE_OF = 6, 3.0, 32
+BESIDE, BESIDE_SPACINGS, BESIDE_OF = 2, 3.0, 32
 PRISM_CELL = 3.5  # spacings: what has no neighbours within it is a stray
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
 DARTS_PER_SPACING = 0.74

@@ -102,7 +102,7 @@ def test_nothing_is_added_beyond_the_walls_and_the_ceiling(room):
 def test_a_found_point_that_has_no_others_beside_it_is_not_added():
     hole = np.array([3.0, 2.0, 0.0])
     room = far_from(box_room(8000), [hole.tolist()], 1.0)
-    strays = rng().uniform([2.5, 1.5, 0.5], [3.5, 2.5, 2.0], (40, 3))
+    strays = np.stack(np.meshgrid([2.6, 3.4], [1.6, 2.4], [0.8, 1.6]), axis=3).reshape(-1, 3)
     found = PointCloud(np.concatenate([box_room(8000).points, strays]))
     added = merged(room.without_colors(), found, 3.0, rng()).points[len(room) :]
     assert len(added) > 50 and added[:, 2].max() < 0.05
