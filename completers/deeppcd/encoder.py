@@ -25,7 +25,8 @@ class PatchEncoder(nn.Module):
 
     def __init__(self, channels: int, last: Sequence[int], local: bool = False) -> None:
         super().__init__()
-        self.rise, self.of_points = (Standardized(128), Standardized(384)) if local else (None, None)
+        self.rise = Standardized(128) if local else None
+        self.of_points = Standardized(384) if local else None
         self.mlp_1 = SharedMLP(channels, 64, 128)
         self.mlp_2 = SharedMLP(128 + 3, 256, 384)
         self.mlp_3 = SharedMLP(384 + 3, *last)
