@@ -85,8 +85,6 @@ class LonePatchCompleter(PatchwiseCompleter):
 
 def _beside(points: NDArray[np.float64], which: NDArray[np.int64], spacing_m: float) -> NDArray[np.int64]:
     """(W,) how many others are near each of these (W,) rows of (N, 3) points, and lie in its plane."""
-    if not len(which):
-        return np.zeros(0, np.int64)
     at = points[which]
     distances, rows = loose_tree(points).query(
         at,
@@ -127,11 +125,11 @@ def merged(
         return cloud
     among = Prism.around(observed, PRISM_CELL * spacing_m).depth(points) > -BEYOND * spacing_m
     away = np.flatnonzero(among & (np.linalg.norm(along, axis=1) > clearance_spacings * spacing_m))
+    if not len(away):
+        return cloud
     # Sparser finds need more candidates, and farther about.
     reach = float(np.clip(surface_spacing(points) / spacing_m, 1.0, MOST_REACH))
     away = away[_beside(points, away, reach * spacing_m) >= BESIDE]
-    if not len(away):
-        return cloud
     points = points[away]
     added, source = spread_evenly(
         points,

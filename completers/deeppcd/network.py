@@ -152,7 +152,10 @@ class PlanePointGenerator(nn.Module):
 
 
 def plane_points(points: Tensor, turns: Tensor) -> Tensor:
-    """(P, S * 16, 3): the 4 x 4 planar grid turned by (P, S, 3, 3) matrices, placed at (P, S, 3) points."""
+    """(P, S * 16, 3): the 4 x 4 planar grid at (P, S, 3) points, turned, stretched and moved by (P, S, 3, 3) matrices.
+
+    A matrix's first two columns are the plane; the grid's height times the last is how far it is moved.
+    """
     line = torch.linspace(-GRID_HALF_WIDTH, GRID_HALF_WIDTH, GRID_SIDE, device=points.device)
     grid = F.pad(torch.cartesian_prod(line, line), (0, 1), value=GRID_HEIGHT)
     with torch.autocast(points.device.type, enabled=False):

@@ -25,8 +25,6 @@ from .network import GRID_SIDE, DeepPCDNetwork
 
 SHARE_MOVED = 0.25  # of the plane points, drawn anew for each example: a quarter of the displacement's cost
 PATCH_WEIGHT = 0.5
-# All distances are in the unit of the patches: squared ones of the cloud would be a tenth of those in its own, and
-# what learns would keep to its patch, where the truth of the neighbour counts for nothing.
 # Published is the weight of |I - R^T R|^2; the plane points' own distances and how far planes lean are not: Chamfer
 # distances hardly turn a plane, since across a wall it is nearer to it the smaller it is, whichever way it leans.
 TURN_WEIGHT = 0.001
@@ -104,6 +102,8 @@ class DeepPCDTrainee(Trainee):
             example["points"], around, example["cells"], example["low"], example["scale"], example["chosen"]
         )
         there, back = (step.square().sum(dim=1) for step in matched(points, example["truth"]))
+        # In the unit of the patches: in its own it would be a tenth of theirs, and what learns would keep to its patch,
+        # where the truth of the neighbour counts for nothing.
         cloud = (there.mean() + back.mean()) / example["scale"] ** 2
         patch = _patch_chamfer(patches, example)
         loss = cloud + PATCH_WEIGHT * patch

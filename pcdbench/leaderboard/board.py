@@ -161,6 +161,11 @@ class BoardRun:
     facts: Mapping[str, Any]
     calibration_seconds: float | None
 
+    @property
+    def processor(self) -> str:
+        """The name of the machine's processor, as it gives it."""
+        return str(self.facts.get("machine", {}).get("cpu") or "an unknown processor")
+
 
 @dataclass(frozen=True)
 class Standing:

@@ -163,9 +163,9 @@ def _notes(board: Board) -> str:
 def _made(board: Board, commands: Sequence[str]) -> str:
     machines = sorted(
         {
-            f"{machine.get('cpu') or 'an unknown processor'}, {machine.get('cores')} cores"
-            for machine in (run.facts.get("machine", {}) for run in board.runs)
-            if machine
+            f"{run.processor}, {machine.get('cores')} cores"
+            for run in board.runs
+            if (machine := run.facts.get("machine", {}))
         }
     )
     commits = sorted({str((run.facts.get("git") or {}).get("commit", ""))[:10] for run in board.runs} - {""})

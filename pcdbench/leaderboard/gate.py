@@ -314,7 +314,7 @@ def _time_changes(committed: Board, fresh: Board, pairs: Mapping[str, Sequence[_
             new = _calibrated(fresh, pair.new)
             if old and new and max(pair.old.seconds or 0, pair.new.seconds or 0) >= _SHORTEST_SECONDS:
                 ratios.append(new / old)
-                was, now = _processor(committed, pair.old), _processor(fresh, pair.new)
+                was, now = committed.runs[pair.old.run].processor, fresh.runs[pair.new.run].processor
                 if was != now:
                     elsewhere.add(f"{was}; here: {now}")
         if len(ratios) >= FEWEST_CASES:
@@ -332,10 +332,6 @@ def _time_changes(committed: Board, fresh: Board, pairs: Mapping[str, Sequence[_
                 yield Finding("faster", label, "", told)
         elif its:
             yield Finding("note", label, "", f"{label} has no times to compare")
-
-
-def _processor(board: Board, cell: BoardCell) -> str:
-    return str(board.runs[cell.run].facts.get("machine", {}).get("cpu") or "unknown")
 
 
 def _calibrated(board: Board, cell: BoardCell) -> float | None:

@@ -106,6 +106,8 @@ def test_a_found_point_that_has_no_others_beside_it_is_not_added():
     found = PointCloud(np.concatenate([box_room(8000).points, strays]))
     added = merged(room.without_colors(), found, 3.0, rng()).points[len(room) :]
     assert len(added) > 50 and added[:, 2].max() < 0.05
+    strays_alone = PointCloud(np.concatenate([room.points, strays]))
+    assert len(merged(room.without_colors(), strays_alone, 3.0, rng())) == len(room)
 
 
 def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
