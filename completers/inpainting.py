@@ -1,4 +1,4 @@
-"""Colours for new points: those of the surface around, continued smoothly across it."""
+"""Colours for new points: those of the surface around, continued smoothly across it, and what a network predicts."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import cg
 
-from pcdbench.geometry.neighbors import loose_tree
+from pcdbench.geometry.neighbors import loose_tree, nearest
 from pcdbench.threads import thread_count
 
 NEIGHBORS = 8
 ANCHOR_WEIGHT = 1e-3
 TOLERANCE = 1e-3
 MAX_ITERATIONS = 400
+# Spacings over which, e-fold, the nearest observed colour fades into the observed ones' smooth continuation, and that
+# into the predicted one.
+NEAREST_REACH, CONTINUED_REACH = 3.0, 40.0
 
 
 def inpainted_colors(
@@ -76,3 +79,34 @@ def inpainted_colors(
         for i in range(3)
     ]
     return np.clip(np.column_stack(solved), 0.0, 1.0).astype(np.float32)
+
+
+def colors_around(
+    new_points: NDArray[np.float64],
+    points: NDArray[np.float64],
+    colors: NDArray[np.float32],
+    spacing_m: float,
+    predicted: NDArray[np.float32] | None = None,
+) -> NDArray[np.float32]:
+    """(Q, 3) colours of new points, from the observed ones around and those that a network predicts.
+
+    What a network predicts are means of what may be there. Beside observed surface its own colour, texture and all,
+    is the best guess; across a hole the continuation of what is around it (on `val` voxel_unet's own error is half as
+    large again).
+
+    Args:
+        new_points: (Q, 3) metres, in the frame of `points`.
+        points: (N, 3) observed points, metres, near the origin.
+        colors: (N, 3) in [0, 1].
+        spacing_m: of the observed points.
+        predicted: (Q, 3); where there are none the continuation goes on.
+    """
+    distances, rows = nearest(new_points, points)
+    beside, around = (
+        np.exp(-distances / (reach * spacing_m)).astype(np.float32)[:, None]
+        for reach in (NEAREST_REACH, CONTINUED_REACH)
+    )
+    smooth = inpainted_colors(new_points, points, colors, anchors=rows)
+    if predicted is not None:
+        smooth = around * smooth + (1 - around) * predicted
+    return beside * colors[rows] + (1 - beside) * smooth

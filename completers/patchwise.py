@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 import pcdbench
 from pcdbench.geometry.neighbors import loose_tree, nearest
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
+from .inpainting import colors_around
 from .local_surface import spread_evenly, surface_spacing, unoriented_normals
 from .patches import Patches
 from .prism import BEYOND, Prism
@@ -22,8 +23,11 @@ NEIGHBORS = 10
 JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
 MOST_REACH = 3.0
 # A found point counts where so many others within so many spacings lie in its plane (within one spacing): those that
-# one plane alone leaves behind, off the surface or past its edge, have fewer.
-BESIDE, BESIDE_SPACINGS, BESIDE_OF = 2, 3.0, 32
+# one plane alone leaves behind, off the surface or past its edge, have fewer. So it does where this share of the
+# observed points nearest to it lie in that plane, too: then it carries on what was observed.
+BESIDE, BESIDE_SPACINGS = 6, 3.0
+CARRIED_ON = 0.5
+NEAREST = 32  # how many of both are looked at
 PRISM_CELL = 3.5  # spacings: what has no neighbours within it is a stray
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
 DARTS_PER_SPACING = 0.74
@@ -39,9 +43,18 @@ class PatchwiseOptions(pcdbench.Options):
     clearance_spacings: float = Field(
         3.0, gt=0, description="with keep_observed: this far along the observed surface nothing was observed"
     )
+    passes: int = Field(
+        1, ge=1, description="with keep_observed: times that the network is asked, each time about all there is by then"
+    )
     weights: str = Field(
         "", description="a safetensors file of one's own, or PROTOCOL://...#sha256=DIGEST; empty for the package's"
     )
+
+    @model_validator(mode="after")
+    def _passes_are_used(self) -> Self:
+        if self.passes > 1 and not self.keep_observed:
+            raise ValueError("a second pass goes on from what the first one added; add keep_observed=true, or passes=1")
+        return self
 
 
 class PatchwiseCompleter(LearnedCompleter):
@@ -51,13 +64,20 @@ class PatchwiseCompleter(LearnedCompleter):
     options: PatchwiseOptions
 
     def complete(self, cloud: pcdbench.PointCloud, rng: np.random.Generator) -> pcdbench.PointCloud:
-        patches = Patches.of(cloud.points, self.options.grid, rng)
-        if patches is None:
-            return cloud
-        found = self.found(cloud, patches, rng)
-        if not self.options.keep_observed:
-            return found
-        return merged(cloud, found, self.options.clearance_spacings, rng)
+        for _ in range(self.options.passes):
+            patches = Patches.of(cloud.points, self.options.grid, rng)
+            if patches is None:
+                return cloud
+            found = self.found(cloud, patches, rng)
+            if not self.options.keep_observed:
+                return found
+            cloud = merged(cloud, found, self.options.clearance_spacings, rng, painted=self.paints)
+        return cloud
+
+    @property
+    def paints(self) -> bool:
+        """Whether what is found has colours of its own; else merging continues the observed ones."""
+        return False
 
     @abstractmethod
     def found(self, cloud: pcdbench.PointCloud, patches: Patches, rng: np.random.Generator) -> pcdbench.PointCloud:
@@ -83,34 +103,50 @@ class LonePatchCompleter(PatchwiseCompleter):
         """(P, K, 3) the network's points, as patches are scaled; gradients are off."""
 
 
-def _beside(points: NDArray[np.float64], which: NDArray[np.int64], spacing_m: float) -> NDArray[np.int64]:
-    """(W,) how many others are near each of these (W,) rows of (N, 3) points, and lie in its plane."""
+def _supported(
+    points: NDArray[np.float64], which: NDArray[np.int64], observed: NDArray[np.float64], spacing_m: float
+) -> NDArray[np.bool_]:
+    """(W,) whether enough found points beside each of these (W,) rows of (N, 3) found ones lie in its plane, and enough
+    of the (M, 3) observed ones nearest to it.
+    """
     at = points[which]
-    distances, rows = loose_tree(points).query(
+    normals = unoriented_normals(points, at=at)
+
+    def in_plane(those: NDArray[np.float64], rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        off = those[np.minimum(rows, len(those) - 1)] - at[:, None]
+        return np.abs(np.einsum("nki,ni->nk", off, normals)) < spacing_m
+
+    distances, others = loose_tree(points).query(
         at,
-        k=min(BESIDE_OF + 1, len(points)),
+        k=min(NEAREST + 1, len(points)),
         distance_upper_bound=BESIDE_SPACINGS * spacing_m,
         workers=thread_count(),
     )
-    near = np.isfinite(distances[:, 1:])
-    off = points[np.minimum(rows[:, 1:], len(points) - 1)] - at[:, None]
-    heights = np.einsum("nki,ni->nk", off, unoriented_normals(points, at=at))
-    return (near & (np.abs(heights) < spacing_m)).sum(axis=1)
+    beside = (np.isfinite(distances) & in_plane(points, others))[:, 1:].sum(axis=1)
+    _, seen = loose_tree(observed).query(at, k=min(NEAREST, len(observed)), workers=thread_count())
+    return (beside >= BESIDE) & (in_plane(observed, seen).mean(axis=1) >= CARRIED_ON)
 
 
 def merged(
-    cloud: pcdbench.PointCloud, found: pcdbench.PointCloud, clearance_spacings: float, rng: np.random.Generator
+    cloud: pcdbench.PointCloud,
+    found: pcdbench.PointCloud,
+    clearance_spacings: float,
+    rng: np.random.Generator,
+    *,
+    painted: bool = False,
 ) -> pcdbench.PointCloud:
     """Every observed point, and found ones among them where nothing was observed, at the observed density.
 
     What a network puts above or below observed surface is its own error; in a hole it lies beside what was observed.
     So distances are taken along the surface, in the plane of the nearest observed point. Outside of the upright prism
     around what was observed nothing is added: planes go on beyond the walls that end them; nor where a found point has
-    hardly others beside it. One that is left gives a few candidates, spread over the plane that fits its neighbours;
-    blue noise chooses among them. So sparse finds become as dense as the cloud, and dense ones no denser.
+    hardly others beside it, or lies in a plane of its own. One that is left gives a few candidates, spread over the
+    plane that fits its neighbours; blue noise chooses among them. So sparse finds become as dense as the cloud, and
+    dense ones no denser.
 
     Args:
         clearance_spacings: how far is far enough, in spacings of the observed points.
+        painted: added points have the colour of the found one they came from; else that of the surface around.
     """
     if len(cloud) <= NEIGHBORS:
         return cloud
@@ -129,7 +165,7 @@ def merged(
         return cloud
     # Sparser finds need more candidates, and farther about.
     reach = float(np.clip(surface_spacing(points) / spacing_m, 1.0, MOST_REACH))
-    away = away[_beside(points, away, reach * spacing_m) >= BESIDE]
+    away = away[_supported(points, away, observed, reach * spacing_m)]
     points = points[away]
     added, source = spread_evenly(
         points,
@@ -141,5 +177,10 @@ def merged(
         jitters=round(JITTERS * reach**2),
         reach=reach,
     )
-    colors = None if found.colors is None else found.colors[away[source]]
+    if cloud.colors is None or found.colors is None:
+        colors = None
+    elif painted:
+        colors = found.colors[away[source]]
+    else:
+        colors = colors_around(added, observed, cloud.colors, spacing_m)
     return pcdbench.PointCloud.concatenate([cloud, pcdbench.PointCloud(added + origin, colors)])

@@ -25,6 +25,7 @@ from types import ModuleType
 
 import numpy as np
 import torch
+from pcdbench_completers import inpainting
 from pcdbench_completers.voxel_unet import completer as rules_of
 from pcdbench_completers.voxel_unet import tiles
 from pcdbench_completers.voxel_unet.completer import SHIPPED_WEIGHTS, VOXEL_SPACINGS
@@ -187,7 +188,7 @@ def study_rules(measured: dict[str, dict[float, list[tuple[Case, float]]]]) -> N
         "added outside of the prism, too": (rules_of, "BEYOND", np.inf),
         "surface not looked for across it": (tiles, "surface", across_most),
         "how much is missing not asked": (rules_of, "MAX_SHIFT", 1.0),
-        "colours of the network alone": (rules_of, "CONTINUED_REACH", 1e-9),
+        "colours of the network alone": (inpainting, "CONTINUED_REACH", 1e-9),
     }
     print(f"| | {' | '.join(f'{place}: ChD | SSIM' for place in measured)} |\n|---|{'---|---|' * len(measured)}")
     for name, (module, constant, value) in rules.items():

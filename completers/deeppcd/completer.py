@@ -33,7 +33,8 @@ class DeepPCDOptions(PatchwiseOptions):
     generator: bool = Field(True, description="turn plane points by the generator; else one fixed grid a patch")
     color: Literal["nearest", "network"] = Field(
         "nearest",
-        description="where nothing was observed: the nearest observed colour, or the colour network's",
+        description="where nothing was observed: the nearest observed colour (merged, those around, continued), or the "
+        "colour network's",
     )
     color_weights: str = Field("", description="likewise for the colour network, with color=network")
 
@@ -53,7 +54,7 @@ class DeepPCD(PatchwiseCompleter):
 
     Options: ClassVar[type[pcdbench.Options]] = DeepPCDOptions
     options: DeepPCDOptions
-    version = "4"
+    version = "5"
     citation = "DeepPCD: Enabling AutoCompletion of Indoor Point Clouds with Deep Learning, IMWUT 2022"
     trainee = "pcdbench_completers.deeppcd.trainee:DeepPCDTrainee"
     color_trainee = "pcdbench_completers.deeppcd.color_trainee:ColorTrainee"
@@ -86,6 +87,10 @@ class DeepPCD(PatchwiseCompleter):
         seen = [*geometry.get("trained_on", []), *color[0].get("trained_on", [])]
         return {**geometry, "trained_on": seen, "color": color[0]}
 
+    @property
+    def paints(self) -> bool:
+        return self._painting is not None
+
     def found(self, cloud: pcdbench.PointCloud, patches: Patches, rng: np.random.Generator) -> pcdbench.PointCloud:
         """The completed cloud, 1,024 points a patch (or `plane_points`)."""
         import torch
@@ -111,6 +116,7 @@ class DeepPCDMergedOptions(DeepPCDOptions):
     """Options of deeppcd_merged."""
 
     keep_observed: bool = Field(True, description=PatchwiseOptions.model_fields["keep_observed"].description)
+    passes: int = Field(2, ge=1, description=PatchwiseOptions.model_fields["passes"].description)
 
 
 class DeepPCDMerged(DeepPCD):

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 import pcdbench
-from pcdbench.geometry.neighbors import loose_tree, nearest
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
-from ..inpainting import inpainted_colors
+from ..inpainting import colors_around
 from ..local_surface import spread_evenly, surface_spacing
 from ..prism import BEYOND
 from .grid import Grid
@@ -34,9 +34,6 @@ LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says 
 # Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
 USUAL_SHARE = 0.44
 MAX_SHIFT = 3.0  # by what odds are multiplied, or divided, at most: one small hole in a whole room is a hole, too
-# Spacings over which, e-fold, the nearest observed color fades into the observed ones' smooth continuation, and that
-# into the network's.
-NEAREST_REACH, CONTINUED_REACH = 3.0, 40.0
 # Darts keep apart by the square root of this, in spacings: with so many candidates a floor gets its own density back
 # (measured: within 3 %). With more candidates darts could keep farther apart, at more cost.
 DISK_AREAS = 0.44
@@ -134,23 +131,5 @@ def surface_points(
     )
     if cloud.colors is None:
         return pcdbench.PointCloud(added), found.probability[source]
-    return pcdbench.PointCloud(added, _colors(added, cloud, found.colors[source], spacing_m)), found.probability[source]
-
-
-def _colors(
-    added: NDArray[np.float64], cloud: pcdbench.PointCloud, predicted: NDArray[np.float32], spacing_m: float
-) -> NDArray[np.float32]:
-    """(K, 3) colours of added points, from the colours of the cloud and those that the network predicts, (K, 3).
-
-    The network's are means of what may be there. Beside observed surface its own colour, texture and all, is the best
-    guess; across a hole the continuation of what is around it (on `val` the network's error is half as large again).
-    """
-    assert cloud.colors is not None
-    distances, rows = nearest(added, cloud.points)
-    beside, around = (
-        np.exp(-distances / (reach * spacing_m)).astype(np.float32)[:, None]
-        for reach in (NEAREST_REACH, CONTINUED_REACH)
-    )
-    continued = inpainted_colors(added, cloud.points, cloud.colors, anchors=rows)
-    smooth = around * continued + (1 - around) * predicted
-    return beside * cloud.colors[rows] + (1 - beside) * smooth
+    colors = colors_around(added, cloud.points, cloud.colors, spacing_m, found.colors[source])
+    return pcdbench.PointCloud(added, colors), found.probability[source]

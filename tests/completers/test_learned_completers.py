@@ -13,7 +13,7 @@ from pcdbench_completers.deeppcd.network import DeepPCDNetwork
 from pcdbench_completers.foldingnet.completer import FoldingNet
 from pcdbench_completers.foldingnet.network import FoldingNetNetwork
 from pcdbench_completers.local_surface import surface_spacing
-from pcdbench_completers.patchwise import PatchwiseOptions, merged
+from pcdbench_completers.patchwise import PatchwiseCompleter, PatchwiseOptions, merged
 from pcdbench_completers.pcn.completer import PCN
 from pcdbench_completers.pcn.network import PCNNetwork
 from pydantic import ValidationError
@@ -23,6 +23,7 @@ from typer.testing import CliRunner
 
 from pcdbench import PcdbenchError, PointCloud
 from pcdbench.cli import app, list_, run
+from pcdbench.geometry.neighbors import nearest
 from pcdbench.plugins import Registration, load_target
 from pcdbench.runner.plan import Request, plan
 from pcdbench.testing import check_completer
@@ -108,6 +109,40 @@ def test_a_found_point_that_has_no_others_beside_it_is_not_added():
     assert len(added) > 50 and added[:, 2].max() < 0.05
     strays_alone = PointCloud(np.concatenate([room.points, strays]))
     assert len(merged(room.without_colors(), strays_alone, 3.0, rng())) == len(room)
+
+
+def test_a_surface_that_carries_on_nothing_that_was_observed_is_not_added():
+    hole = np.array([3.0, 2.0, 0.0])
+    room = far_from(box_room(8000), [hole.tolist()], 1.0).without_colors()
+    side = np.linspace(-0.4, 0.4, 17)
+    level = hole + np.stack(np.meshgrid(side, side, [0.0]), axis=3).reshape(-1, 3)
+    for up, kept in ((level, True), (hole + (level - hole)[:, [0, 2, 1]], False)):
+        added = merged(room, PointCloud(np.concatenate([room.points, up])), 3.0, rng()).points[len(room) :]
+        assert (len(added) > 20) == kept and (kept or not len(added))
+
+
+class Creeping(PatchwiseCompleter):
+    """Finds the floor at half a metre about what is there."""
+
+    Options = PatchwiseOptions
+
+    def found(self, cloud, patches, rng):
+        floor = box_room(20_000).points
+        return PointCloud(floor[nearest(floor, cloud.points)[0] < 0.5])
+
+
+def test_a_second_pass_goes_on_from_what_the_first_one_added():
+    hole = np.array([3.0, 2.0, 0.0])
+    room = far_from(box_room(8000), [hole.tolist()], 1.2).without_colors()
+
+    def reached(passes):
+        result = Creeping(PatchwiseOptions(grid=2, keep_observed=True, passes=passes)).complete(room, rng())
+        assert np.array_equal(result.points[: len(room)], room.points)
+        return np.linalg.norm(result.points - hole, axis=1).min()
+
+    assert 0.6 < reached(1) < 0.8 and reached(2) < 0.35
+    with pytest.raises(ValidationError, match="keep_observed=true"):
+        PatchwiseOptions(passes=2)
 
 
 def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
