@@ -22,9 +22,9 @@ from .prism import BEYOND, Prism
 NEIGHBORS = 10
 JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
 MOST_REACH = 3.0
-# A found point counts where so many others within so many spacings lie in its plane (within one spacing): those that
-# one plane alone leaves behind, off the surface or past its edge, have fewer. So it does where this share of the
-# observed points nearest to it lie in that plane, too: then it carries on what was observed.
+# A found point counts where so many others within so many spacings lie in its plane (within one spacing), those that
+# one plane alone leaves behind, off the surface or past its edge, have fewer; and where this share of the observed
+# points nearest to it lie in that plane, too: then it carries on what was observed.
 BESIDE, BESIDE_SPACINGS = 6, 3.0
 CARRIED_ON = 0.5
 NEAREST = 32  # how many of both are looked at

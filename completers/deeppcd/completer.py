@@ -120,6 +120,9 @@ class DeepPCDMergedOptions(DeepPCDOptions):
 
 
 class DeepPCDMerged(DeepPCD):
-    """What was observed, all of it, and deeppcd's points where nothing was, at the observed density."""
+    """What was observed, all of it, and deeppcd's points where nothing was, at the observed density.
+
+    Its planes reach only so far into a hole, so it is asked again, about what the first pass left.
+    """
 
     Options = DeepPCDMergedOptions
