@@ -26,7 +26,7 @@ MOST_REACH = 3.0
 # one plane alone leaves behind, off the surface or past its edge, have fewer; and where this share of the observed
 # points nearest to it lie in that plane, too: then it carries on what was observed.
 BESIDE, BESIDE_SPACINGS = 6, 3.0
-CARRIED_ON = 0.5
+CARRIED_ON = 0.7
 NEAREST = 32  # how many of both are looked at
 PRISM_CELL = 3.5  # spacings: what has no neighbours within it is a stray
 # Dart throwing with this share of the spacing gives a thinned Poisson-disk cloud its own number of points back.
