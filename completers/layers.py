@@ -179,17 +179,6 @@ def begin(network: nn.Module) -> None:
             nn.init.zeros_(layer.get_parameter("bias"))
 
 
-def give_a_say(layer: nn.Module, coordinates: slice, std: float) -> None:
-    """Begin the weights of these inputs of a linear layer, coordinates in [0, 1], this large; 0.5 changes nothing.
-
-    Three inputs among hundreds of features otherwise begin with next to no say, and what is known of a patch, which
-    means something only together with where in it a point lies, is of no use then.
-    """
-    with torch.no_grad():
-        weights = nn.init.normal_(layer.get_parameter("weight")[:, coordinates], std=std)
-        layer.get_parameter("bias").sub_(weights.sum(dim=1) / 2)
-
-
 def moved_by(points: Tensor, own: Tensor) -> Tensor:
     """(P, K, C) coordinates through (P, C + 1, out) matrices of their patches: (P, K, out).
 

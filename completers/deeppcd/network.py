@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from ..layers import SharedMLP, SplitLinear, Standardized, begin, give_a_say, moved_by
+from ..layers import SharedMLP, SplitLinear, Standardized, begin, moved_by
 from .encoder import Neighbors, PatchEncoder
 
 FEATURE = 768
@@ -19,7 +19,6 @@ GRID_SIDE = 4  # points along a side of the planar grid
 GRID_HALF_WIDTH = 0.14  # of the patch: seeds are about an eighth apart, so planes reach into holes
 GRID_HEIGHT = 2 * GRID_HALF_WIDTH  # of the planar grid: the matrix's last column moves it, into holes beside the seed
 COORDINATES_STD = 5.0  # where in its patch a point lies then has as much of a say as what the patch looks like
-SEEDS_STD = 2.0  # likewise, but next to what the surface there looks like, on which planes depend the most
 TOGETHER = 2  # patches
 
 
@@ -52,7 +51,6 @@ class DeepPCDNetwork(nn.Module):
         self.plane_points = plane_points
         self.encoder = PatchEncoder(3, (512, FEATURE), local=True)
         begin(self.encoder)
-        give_a_say(self.encoder.mlp_3[0], slice(POINT_FEATURE, POINT_FEATURE + 3), SEEDS_STD)
         # First each patch by itself: otherwise features grow and grow, since what reads them takes their size away.
         self.of_patches = nn.Sequential(nn.LayerNorm(FEATURE, elementwise_affine=False), Standardized(FEATURE))
         self.relations = Relations()
@@ -141,11 +139,10 @@ class PlanePointGenerator(nn.Module):
         last = nn.Linear(256, 9)
         self.rest = nn.Sequential(SharedMLP(1024, 512, 256), last)
         begin(self)
-        give_a_say(self.first, slice(POINT_FEATURE, POINT_FEATURE + 3), SEEDS_STD)
         with torch.no_grad():
             # The patch's feature, two thirds of the inputs, begins with little of a say: it is the same for all points.
             self.first.weight[:, POINT_FEATURE + 3 :].mul_(0.1)
-            last.weight.mul_(0.05)
+            last.weight.mul_(0.1)
             last.bias.copy_(_oblique().flatten())
 
     def forward(self, points: Tensor, features: Tensor, patch: Tensor) -> Tensor:
@@ -194,8 +191,10 @@ class Displacement(nn.Module):
         last = nn.Linear(64, 3)
         self.rest = nn.Sequential(SharedMLP(256, 256, 64, slope=0.1), last)
         begin(self)
-        give_a_say(self.first, slice(3), COORDINATES_STD)  # otherwise all points of a patch are moved as one
         with torch.no_grad():
+            # Three of 771 inputs begin with no say, and all points of a patch would be moved as one.
+            coordinates = nn.init.normal_(self.first.weight[:, :3], std=COORDINATES_STD)
+            self.first.bias.copy_(-coordinates.sum(dim=1) / 2)
             # Plane points begin where they are. Moved together by a bias of a tenth of a patch, or of the whole cloud,
             # the network learns before all else to move nothing, and its units die of it.
             last.weight.mul_(0.01)
