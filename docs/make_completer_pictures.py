@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/completers/: `python docs/make_completer_pictures.py [SCANS]`, about two minutes.
+"""Makes the pictures of docs/completers/ and README.md in two minutes: `python docs/make_completer_pictures.py [SCANS]`.
 
 A hall, an office and, where the folder SCANS is given, its first scan, 30 % missing: true, incomplete, and what every
 completer makes of it. And the rooms of the boards that voxel_unet completes worst, half of each missing.
@@ -49,6 +49,7 @@ def main(folder: str = "") -> None:
     generated = Indoor()
     for name, scene in GENERATED.items():
         draw(f"completers_{name}", generated.scene(scene), LEVEL, COMPLETERS)
+    draw("case", generated.scene(GENERATED["office"]), LEVEL, ["voxel_unet", "deeppcd_merged"])  # the README's
     draw("voxel_unet_failing", generated.scene(FAILING), 0.5, ["voxel_unet"])
     if folder:
         scans = Clouds(Path(folder))
