@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/completers/ and README.md in two minutes: `python docs/make_completer_pictures.py [SCANS]`.
+"""Makes the pictures of docs/completers/ and README.md: `python docs/make_completer_pictures.py [SCANS]`, two minutes.
 
 A hall, an office and, where the folder SCANS is given, its first scan, 30 % missing: true, incomplete, and what every
 completer makes of it. And the rooms of the boards that voxel_unet completes worst, half of each missing.
