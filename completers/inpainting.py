@@ -102,11 +102,13 @@ def colors_around(
         predicted: (Q, 3); where there are none the continuation goes on.
     """
     distances, rows = nearest(new_points, points)
-    beside, around = (
-        np.exp(-distances / (reach * spacing_m)).astype(np.float32)[:, None]
-        for reach in (NEAREST_REACH, CONTINUED_REACH)
-    )
+
+    def fading(reach: float) -> NDArray[np.float32]:
+        return np.exp(-distances / (reach * spacing_m)).astype(np.float32)[:, None]
+
     smooth = inpainted_colors(new_points, points, colors, anchors=rows)
     if predicted is not None:
+        around = fading(CONTINUED_REACH)
         smooth = around * smooth + (1 - around) * predicted
+    beside = fading(NEAREST_REACH)
     return beside * colors[rows] + (1 - beside) * smooth

@@ -22,9 +22,9 @@ from .prism import BEYOND, Prism
 NEIGHBORS = 10
 JITTERS = 4  # candidates a point of the network's, if as dense as the observed ones: what blue noise chooses from
 MOST_REACH = 3.0
-# A found point counts where so many others within so many spacings lie in its plane (within one spacing), those that
-# one plane alone leaves behind, off the surface or past its edge, have fewer; and where this share of the observed
-# points nearest to it lie in that plane, too: then it carries on what was observed.
+# A found point counts where so many others within so many spacings lie in its plane, within one spacing of it (those
+# that one plane alone leaves behind, off the surface or past its edge, have fewer), and this share of the observed
+# points nearest to it, too: then it carries on what was observed.
 BESIDE, BESIDE_SPACINGS = 6, 3.0
 CARRIED_ON = 0.7
 NEAREST = 32  # how many of both are looked at
@@ -68,10 +68,10 @@ class PatchwiseCompleter(LearnedCompleter):
             patches = Patches.of(cloud.points, self.options.grid, rng)
             if patches is None:
                 return cloud
-            found = self.found(cloud, patches, rng)
             if not self.options.keep_observed:
-                return found
-            cloud = merged(cloud, found, self.options.clearance_spacings, rng, painted=self.paints)
+                return self.found(cloud, patches, rng)
+            found = self.found(cloud if self.paints else cloud.without_colors(), patches, rng)
+            cloud = merged(cloud, found, self.options.clearance_spacings, rng)
         return cloud
 
     @property
@@ -128,12 +128,7 @@ def _supported(
 
 
 def merged(
-    cloud: pcdbench.PointCloud,
-    found: pcdbench.PointCloud,
-    clearance_spacings: float,
-    rng: np.random.Generator,
-    *,
-    painted: bool = False,
+    cloud: pcdbench.PointCloud, found: pcdbench.PointCloud, clearance_spacings: float, rng: np.random.Generator
 ) -> pcdbench.PointCloud:
     """Every observed point, and found ones among them where nothing was observed, at the observed density.
 
@@ -145,8 +140,9 @@ def merged(
     dense ones no denser.
 
     Args:
+        found: where it has colours, added points have those of the points they came from; else those of the observed
+            surface around.
         clearance_spacings: how far is far enough, in spacings of the observed points.
-        painted: added points have the colour of the found one they came from; else that of the surface around.
     """
     if len(cloud) <= NEIGHBORS:
         return cloud
@@ -177,9 +173,9 @@ def merged(
         jitters=round(JITTERS * reach**2),
         reach=reach,
     )
-    if cloud.colors is None or found.colors is None:
+    if cloud.colors is None:
         colors = None
-    elif painted:
+    elif found.colors is not None:
         colors = found.colors[away[source]]
     else:
         colors = colors_around(added, observed, cloud.colors, spacing_m)

@@ -121,13 +121,13 @@ def test_a_surface_that_carries_on_nothing_that_was_observed_is_not_added():
         assert (len(added) > 20) == kept and (kept or not len(added))
 
 
-def test_added_points_continue_the_observed_colors_unless_the_found_ones_were_painted():
+def test_added_points_continue_the_observed_colors_unless_the_found_ones_have_their_own():
     room = far_from(box_room(8000), [[3.0, 2.0, 0.0]], 1.0)
     red, green = (np.tile(np.float32(color), (20_000, 1)) for color in ((1, 0, 0), (0, 1, 0)))
     observed = PointCloud(room.points, red[: len(room)])
     found = PointCloud(box_room(20_000).points, green)
-    for painted, color in ((False, red[0]), (True, green[0])):
-        added = merged(observed, found, 3.0, rng(), painted=painted).colors[len(room) :]
+    for these, color in ((found.without_colors(), red[0]), (found, green[0])):
+        added = merged(observed, these, 3.0, rng()).colors[len(room) :]
         assert len(added) > 50 and np.abs(added - color).max() < 0.01
 
 
