@@ -32,11 +32,10 @@ def complete(
     """
     import warnings
 
-    from pcdbench.cloud import PointCloud
     from pcdbench.completion import complete as completed_of
     from pcdbench.completion.progress import TileProgress
     from pcdbench.errors import CloudError, PcdbenchError
-    from pcdbench.formats import carries_fields
+    from pcdbench.formats import carries_fields, read_observed
     from pcdbench.runner.selection import option_targets, parse_options, select
 
     marked = carries_fields(out)
@@ -48,7 +47,7 @@ def complete(
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
         warnings.showwarning = lambda message, *_: typer.echo(f"pcdbench: {message}", err=True)
-        cloud = PointCloud.read(scan)
+        cloud, fields = read_observed(scan, with_fields=True)
         try:
             with TileProgress() as progress:
                 completed = completed_of(
@@ -67,13 +66,15 @@ def complete(
     added = int(completed.added.sum())
     if added_only and not added:
         raise PcdbenchError(f"{completer} added nothing to {scan}; {out} is not written")
-    completed.write(out, added_only=added_only)
+    completed.write(out, added_only=added_only, fields=fields, like=scan)
     if not marked and not added_only:
         typer.echo(
             f"pcdbench: {out.suffix} cannot mark points: the last {added:,} of {out} are the added ones; "
             "PLY, PCD, LAS, text and NPZ can, and --added-only needs no mark",
             err=True,
         )
+    if not marked and fields and not added_only:
+        typer.echo(f"pcdbench: {out.suffix} cannot hold {', '.join(fields)} of {scan}: left out", err=True)
     typer.echo(f"{out}: {len(cloud):,} points observed, {added:,} added by {completer}", err=True)
     if report is not None:
         from pcdbench.completion.report import write_report

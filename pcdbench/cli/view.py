@@ -72,16 +72,13 @@ def _read(path: Path) -> tuple[PointCloud, dict[str, NDArray[Any]]]:
     """The cloud of a file, and those of its fields that can be shown; what is odd goes to standard error."""
     import warnings
 
-    from pcdbench.formats import CloudWarning, carries_fields, read_cloud, read_fields
+    from pcdbench.formats import CloudWarning, read_cloud_and_fields
 
     with warnings.catch_warnings(record=True) as odd:
         warnings.simplefilter("always", CloudWarning)
-        cloud = read_cloud(path)
+        cloud, fields = read_cloud_and_fields(path)
     for one in odd:
         typer.echo(f"pcdbench: {one.message}", err=True)
-    fields = read_fields(path) if carries_fields(path) else {}
-    # Of rows that were dropped, nobody knows to which points the fields of the others belong.
-    fields = {name: values for name, values in fields.items() if len(values) == len(cloud)}
     trust = fields.get(_CONFIDENCE_FIELD)
     if trust is not None and not ((trust >= 0) & (trust <= 1)).all():
         typer.echo(f"pcdbench: {path}: its field confidence is not within [0, 1], and is not shown", err=True)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
-from pcdbench.formats import carries_fields, write_cloud
+from pcdbench.formats import MARKS, carries_fields, write_cloud
+from pcdbench.formats.columns import NO_FIELDS, Fields
 from pcdbench.geometry.frames import Frame
 
 # As in the viewer.
@@ -62,10 +64,23 @@ class Completed:
         """The added points alone."""
         return self.cloud.select(slice(len(self.cloud) - len(self.spacing_m), None))  # type: ignore[arg-type]
 
-    def write(self, path: str | Path, *, added_only: bool = False) -> None:
+    def write(
+        self,
+        path: str | Path,
+        *,
+        added_only: bool = False,
+        fields: Fields = NO_FIELDS,
+        like: str | Path | None = None,
+    ) -> None:
         """Write the cloud with the fields `added` (0 or 1) and `confidence`, in formats that have fields.
 
         Observed coordinates are written to the last bit where the format can (see `write_cloud`).
+
+        Args:
+            added_only: write the added points alone, without further fields.
+            fields: further numbers of each observed point, (N,) or (N, K), written too where the format has fields. Of
+                added points they are not known: 0 where numbers are whole, else NaN.
+            like: the scan, whose coordinate reference system is taken over from LAS to LAS.
 
         Raises:
             CloudError: where nothing was added and nothing else is asked for, or the file cannot be written.
@@ -73,5 +88,18 @@ class Completed:
         path = Path(path)
         cloud = self.added_cloud if added_only else self.cloud
         first = len(self.cloud) - len(cloud)
-        fields = {"added": self.added[first:], "confidence": self.confidence[first:]}
-        write_cloud(cloud, path, fields if carries_fields(path) else {}, exact=True)
+        written: dict[str, NDArray[Any]] = {}
+        if carries_fields(path):
+            known = NO_FIELDS if added_only else fields
+            written = {name: _lengthened(values, len(self.spacing_m), name) for name, values in known.items()}
+            written |= dict(zip(MARKS, (self.added[first:], self.confidence[first:]), strict=True))
+        write_cloud(cloud, path, written, exact=True, like=None if like is None else Path(like))
+
+
+def _lengthened(values: NDArray[Any], count: int, name: str) -> NDArray[Any]:
+    """A field of the observed points with `count` rows more, of which nothing is known but that they are to be seen."""
+    unknown: Any = np.nan if values.dtype.kind == "f" else 0
+    if name == "alpha":
+        unknown = 255 if values.dtype.kind in "iu" else 1
+    more = np.full((count, *values.shape[1:]), unknown).astype(values.dtype)
+    return np.concatenate([values, more])

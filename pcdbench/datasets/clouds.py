@@ -16,7 +16,7 @@ from pcdbench.dataset import Dataset
 from pcdbench.datasets.boxes import boxes_file, read_boxes
 from pcdbench.datasets.scans import FEWEST_POINTS, content_digest, scene_of_scan, without_duplicates
 from pcdbench.errors import PcdbenchError
-from pcdbench.formats import EXTENSIONS, read_cloud
+from pcdbench.formats import EXTENSIONS, read_observed
 from pcdbench.formats.text import holds_points
 from pcdbench.keys import digest, seed_from
 from pcdbench.scene import Scene
@@ -75,12 +75,12 @@ class Clouds(Dataset):
         boxes = boxes_file(complete)
         return scene_of_scan(
             name,
-            read_cloud(complete),
+            read_observed(complete)[0],
             complete,
             self.options.complete_points,
             seed_from("clouds", content_digest(complete)),
             objects=() if boxes is None else read_boxes(boxes, complete, len(self._clouds_in(complete.parent)) == 1),
-            partial=without_duplicates(read_cloud(path)) if self.options.complete else None,
+            partial=without_duplicates(read_observed(path)[0]) if self.options.complete else None,
             info={"incomplete scan": path.name} if self.options.complete else None,
         )
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +21,19 @@ LARGEST_FLOAT32_ERROR_M = 5e-5
 # more than a byte each; files of fewer points than this are small whatever they hold.
 _ALWAYS_READ = 1_000_000
 
-# Further numbers of each point, by name: (N,) bool, uint8 or float32.
+# Further numbers of each point, by name: (N,) or (N, K) of any numeric type.
 Fields = Mapping[str, NDArray[Any]]
 NO_FIELDS: Fields = {}
+
+
+class _Everything:
+    def __contains__(self, name: object) -> bool:
+        return True
+
+
+# Which fields are to be read.
+EVERYTHING: Container[str] = _Everything()
+NOTHING: Container[str] = ()
 
 
 class CloudWarning(UserWarning):
@@ -31,10 +42,11 @@ class CloudWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Columns:
-    """What a file holds: (N, 3) float64 coordinates, maybe not finite, and (N, 3) float32 colours or None."""
+    """What a file holds: (N, 3) float64 coordinates, maybe not finite, (N, 3) float32 colours or None, and fields."""
 
     points: NDArray[np.float64]
     colors: NDArray[np.float32] | None
+    fields: dict[str, NDArray[Any]] = field(default_factory=dict)
 
 
 def coordinate_and_color_names(names: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -86,9 +98,24 @@ def needs_double(points: NDArray[np.float64], exact: bool = False) -> bool:
     return bool(np.any(np.abs(points - points.astype(np.float32)) > tolerance_m))
 
 
-def whole_bytes(field: NDArray[Any]) -> bool:
-    """Whether a field is written as 8-bit whole numbers (else as single precision)."""
-    return field.dtype.kind in "bu" and field.dtype.itemsize == 1
+def flat_fields(fields: Fields) -> dict[str, NDArray[Any]]:
+    """Fields as formats of named columns hold them: (N,), of one-byte to eight-byte numbers, little-endian.
+
+    Of (N, K) ones the columns are numbered (`normals_0`), and blanks and separators in names become underscores.
+    """
+    flat: dict[str, NDArray[Any]] = {}
+    for name, values in fields.items():
+        name = re.sub(r"[\s,;]+", "_", name)
+        columns = {name: values} if values.ndim == 1 else {f"{name}_{k}": part for k, part in enumerate(values.T)}
+        for column, part in columns.items():
+            flat[column] = part.astype(_stored_type(part.dtype), copy=False)
+    return flat
+
+
+def _stored_type(kind: np.dtype[Any]) -> np.dtype[Any]:
+    if kind.kind == "b":
+        return np.dtype("u1")
+    return np.dtype(f"<{kind.kind}{min(8, max(4 if kind.kind == 'f' else 1, kind.itemsize))}")
 
 
 def require_bytes(path: Path, promised: int, count: int, present: int) -> None:

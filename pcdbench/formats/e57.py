@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,17 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, color_bytes, require_density, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, color_bytes, require_density, unit_colors
 from pcdbench.formats.e57_xml import require_plain_xml
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _COLORS = ("colorRed", "colorGreen", "colorBlue")
+_READ_OTHERWISE = (*_CARTESIAN, *_SPHERICAL, *_COLORS, "cartesianInvalidState", "sphericalInvalidState")
 
 
-def read(path: Path) -> Columns:
-    """The points of all scans in a file, colours where every scan has them; points marked invalid become NaN."""
+def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
+    """The points of all scans in a file; colours and fields where every scan has them; invalid points become NaN."""
     import pye57
 
     require_plain_xml(path)
@@ -28,15 +30,19 @@ def read(path: Path) -> Columns:
         if not file.scan_count:
             raise CloudError(f"{path} has no scans (images alone, perhaps); export its points")
         require_density(path, sum(file.get_header(index).point_count for index in range(file.scan_count)))
-        scans = [_scan(file, index, path) for index in range(file.scan_count)]
+        scans = [_scan(file, index, path, wanted) for index in range(file.scan_count)]
     finally:
         file.close()
     colors = [scan.colors for scan in scans if scan.colors is not None]
     points = np.concatenate([scan.points for scan in scans])
-    return Columns(points, np.concatenate(colors) if len(colors) == len(scans) else None)
+    common = [name for name in scans[0].fields if all(name in scan.fields for scan in scans)]
+    fields = {name: np.concatenate([scan.fields[name] for scan in scans]) for name in common}
+    return Columns(points, np.concatenate(colors) if len(colors) == len(scans) else None, fields)
 
 
-def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+def write(
+    cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
+) -> None:
     """Write one scan; its pose carries the map offset, as pye57 stores coordinates in single precision.
 
     There are no fields to write (`carries_fields`), and single precision is as exact as it gets.
@@ -54,7 +60,7 @@ def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool
         file.close()
 
 
-def _scan(file: Any, index: int, path: Path) -> Columns:
+def _scan(file: Any, index: int, path: Path, wanted: Container[str]) -> Columns:
     from pye57 import libe57
 
     header = file.get_header(index)
@@ -63,7 +69,11 @@ def _scan(file: Any, index: int, path: Path) -> Columns:
     if frame is None:
         raise CloudError(f"{path}: scan {index} has neither cartesian nor spherical coordinates; export it again")
     state = "cartesianInvalidState" if frame is _CARTESIAN else "sphericalInvalidState"
-    names = [*frame, *(_COLORS if fields.issuperset(_COLORS) else ()), *({state} & fields)]
+    own = [*frame, *(_COLORS if fields.issuperset(_COLORS) else ()), *({state} & fields)]
+    others = [name for name in header.point_fields if name in wanted and name not in _READ_OTHERWISE]
+    row = libe57.StructureNode(header.points.prototype())
+    others = [name for name in others if row.get(name).type() != libe57.E57_STRING]
+    names = [*own, *others]
     numbers = {name: np.empty(count) for name in names}
     if count:
         buffers = libe57.VectorSourceDestBuffer()
@@ -77,10 +87,11 @@ def _scan(file: Any, index: int, path: Path) -> Columns:
         points[numbers[state] != 0] = np.nan
     if header.has_pose():
         points = points @ header.rotation_matrix.T + header.translation
+    found = {name: numbers[name] for name in others}
     if not fields.issuperset(_COLORS):
-        return Columns(points, None)
+        return Columns(points, None, found)
     colors = np.stack([numbers[name] for name in _COLORS], axis=1)
-    return Columns(points, _scaled_colors(colors, header, path))
+    return Columns(points, _scaled_colors(colors, header, path), found)
 
 
 def _scaled_colors(colors: NDArray[np.float64], header: Any, path: Path) -> NDArray[np.float32]:

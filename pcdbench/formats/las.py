@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,40 +12,58 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, unit_colors, whole_bytes
+from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, flat_fields, unit_colors
 from pcdbench.formats.las_header import sound_point_bytes
 
+_EXTENSIONS = (".las", ".laz")
+_FORMATS, _COLORED_FORMATS = (0, 1, 6), (2, 3, 7, 8)
+_COLORS = ("red", "green", "blue")
+# Waveforms are stored elsewhere.
+_WAVEFORMS = (
+    "wavepacket_index",
+    "wavepacket_offset",
+    "wavepacket_size",
+    "return_point_wave_location",
+    "x_t",
+    "y_t",
+    "z_t",
+)
+_READ_OTHERWISE = ("X", "Y", "Z", *_COLORS, "withheld", *_WAVEFORMS)
+_REFERENCE_SYSTEM = "LASF_Projection"  # user of its records (LAS 1.4, 2.5 and 2.6)
+_LONGEST_NAME = 31  # bytes
 _SCALE_M = 1e-4
 _EXACT_SCALES_M = (1e-4, 1e-5, 1e-6, 1e-7)
 _BYTES_A_PIECE = 1 << 25
 
 
-def read(path: Path) -> Columns:
+def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     """The points of a LAS or LAZ file; colours where it has them.
 
-    Colours that are all zero are none: point formats reserve the fields, and many programs leave them empty.
+    Colours that are all zero are none: point formats reserve the fields, and many programs leave them empty. So do the
+    format's other dimensions of a point, which are fields beside the extra ones. What is marked as withheld is deleted
+    (LAS 1.4, table 8) and becomes NaN.
     """
-    points, colors = [], []
-    for piece in _pieces(path):
-        points.append(np.stack([np.asarray(piece[name], dtype=np.float64) for name in "xyz"], axis=1))
-        if "red" in piece.point_format.dimension_names:
-            colors.append(np.stack([np.asarray(piece[name]) for name in ("red", "green", "blue")], axis=1))
-    if not points:
-        return Columns(np.empty((0, 3)), None)
-    all_colors = np.concatenate(colors) if colors else None
-    if all_colors is None or not all_colors.any():
-        return Columns(np.concatenate(points), None)
-    return Columns(np.concatenate(points), unit_colors(all_colors, path))
-
-
-def read_fields(path: Path) -> dict[str, NDArray[Any]]:
-    """The extra dimensions of one number a point of a LAS or LAZ file."""
+    points: list[NDArray[np.float64]] = []
+    colors: list[NDArray[Any]] = []
     found: dict[str, list[NDArray[Any]]] = {}
     for piece in _pieces(path):
-        for name in piece.point_format.extra_dimension_names:
-            found.setdefault(name, []).append(np.asarray(piece[name]))
+        own = list(piece.point_format.standard_dimension_names)
+        xyz = np.stack([np.asarray(piece[name], dtype=np.float64) for name in "xyz"], axis=1)
+        xyz[np.asarray(piece["withheld"]) != 0] = np.nan
+        points.append(xyz)
+        if "red" in own:
+            colors.append(np.stack([np.asarray(piece[name]) for name in _COLORS], axis=1))
+        for name in piece.point_format.dimension_names:
+            if name in wanted and not (name in own and name in _READ_OTHERWISE):
+                found.setdefault(name, []).append(np.asarray(piece[name]))
+    if not points:
+        return Columns(np.empty((0, 3)), None)
     fields = {name: np.concatenate(columns) for name, columns in found.items()}
-    return {name: column for name, column in fields.items() if column.ndim == 1}
+    fields = {name: column for name, column in fields.items() if name not in own or column.any()}
+    all_colors = np.concatenate(colors) if colors else None
+    if all_colors is None or not all_colors.any():
+        return Columns(np.concatenate(points), None, fields)
+    return Columns(np.concatenate(points), unit_colors(all_colors, path), fields)
 
 
 def _pieces(path: Path) -> Iterator[Any]:
@@ -72,10 +91,14 @@ def _pieces(path: Path) -> Iterator[Any]:
         raise CloudError(f"{path} is cut off: {present:,} of {promised:,} points are there; copy it again")
 
 
-def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
-    """Write LAS 1.2 with coordinates of 0.1 mm from a whole-metre offset near the cloud, and 16-bit colours.
+def write(
+    cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
+) -> None:
+    """Write LAS with coordinates of 0.1 mm from a whole-metre offset near the cloud, and 16-bit colours.
 
-    Fields become extra dimensions. Where it must be exact, coordinates are as fine as it takes, down to 100 nm.
+    Fields of the names of LAS's own dimensions are these, in the smallest point format that holds them (LAS 1.2, or 1.4
+    from format 6 on); all others are extra dimensions. Where it must be exact, coordinates are as fine as it takes,
+    down to 100 nm. The coordinate reference system is that of `like`.
     """
     import laspy
 
@@ -83,19 +106,71 @@ def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool
     scale_m = _finest_needed(cloud.points - offset) if exact else _SCALE_M
     if np.abs(cloud.points - offset).max() / scale_m > np.iinfo(np.int32).max:
         raise CloudError(f"{path}: LAS holds clouds of up to 400 km at 0.1 mm; write PLY instead")
-    header = laspy.LasHeader(version="1.2", point_format=0 if cloud.colors is None else 2)
+    told = _description(like)
+    columns = flat_fields(fields)
+    point_format = _smallest_point_format(columns, cloud.colors is not None)
+    own = {name for name, column in columns.items() if _fits(column, name, point_format)}
+    header = laspy.LasHeader(version="1.4" if point_format >= 6 or told.is_wkt else "1.2", point_format=point_format)
     header.scales = np.full(3, scale_m)
     header.offsets = offset
-    for name, field in fields.items():
-        header.add_extra_dim(laspy.ExtraBytesParams(name, np.uint8 if whole_bytes(field) else np.float32))
+    header.vlrs.extend(told.records)
+    header.global_encoding.wkt = told.is_wkt or point_format >= 6
+    header.global_encoding.gps_time_type = laspy.header.GpsTimeType(int(told.is_adjusted_gps_time))
+    # What has the name of one of LAS's own dimensions and does not fit into it (intensities from 0 to 1) stands beside.
+    taken = set(header.point_format.dimension_names)
+    extra = {name: name if name not in taken else f"{name}_" for name in columns if name not in own}
+    extra = {name: shown.encode()[:_LONGEST_NAME].decode(errors="ignore") for name, shown in extra.items()}
+    header.add_extra_dims([laspy.ExtraBytesParams(shown, columns[name].dtype) for name, shown in extra.items()])
     las = laspy.LasData(header)
     las.x, las.y, las.z = cloud.points.T
     if cloud.colors is not None:
         las.red, las.green, las.blue = np.rint(cloud.colors * np.float64(65535)).astype(np.uint16).T
-    for name, field in fields.items():
-        las[name] = field.astype(np.uint8 if whole_bytes(field) else np.float32)
+    for name, column in columns.items():
+        las[extra.get(name, name)] = np.nan_to_num(column) if name in own else column
     with path.open("wb") as stream:
         las.write(stream, do_compress=path.suffix.lower() == ".laz", laz_backend=laspy.LazBackend.Lazrs)
+
+
+@dataclass(frozen=True)
+class _Description:
+    """What a LAS file says of its coordinates and times: records of its reference system, and how to read them."""
+
+    records: tuple[Any, ...] = ()
+    is_wkt: bool = False
+    is_adjusted_gps_time: bool = False
+
+
+def _description(path: Path | None) -> _Description:
+    import laspy
+
+    if path is None or path.suffix.lower() not in _EXTENSIONS:
+        return _Description()
+    sound_point_bytes(path)
+    with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
+        header = reader.header
+        records = tuple(record for record in header.vlrs if record.user_id == _REFERENCE_SYSTEM)
+        return _Description(records, header.global_encoding.wkt, bool(header.global_encoding.gps_time_type.value))
+
+
+def _smallest_point_format(columns: dict[str, NDArray[Any]], is_colored: bool) -> int:
+    """The first point format that holds as many of these in its own dimensions as any does."""
+    formats = _COLORED_FORMATS if is_colored else _FORMATS
+    held = [sum(_fits(column, name, number) for name, column in columns.items()) for number in formats]
+    return formats[held.index(max(held))]
+
+
+def _fits(column: NDArray[Any], name: str, point_format: int) -> bool:
+    """Whether the point format has a dimension of its own of this name that holds these numbers; NaN becomes 0."""
+    import laspy
+
+    dimension = next((one for one in laspy.PointFormat(point_format).dimensions if one.name == name), None)
+    if dimension is None or name in _READ_OTHERWISE:
+        return False
+    if dimension.kind is laspy.point.DimensionKind.FloatingPoint:
+        return True
+    numbers = np.nan_to_num(column)
+    low, high = numbers.min(initial=0), numbers.max(initial=0)
+    return bool(dimension.min <= low and high <= dimension.max and np.all(numbers == np.floor(numbers)))
 
 
 def _finest_needed(points: NDArray[np.float64]) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import zipfile
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -13,35 +14,36 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, Columns, Fields, require_bytes, require_density, unit_colors
+from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, require_bytes, require_density, unit_colors
 
 # Deflate shrinks nothing to less than a 1032nd (zlib's own figure).
 _MOST_DEFLATED = 1032
+_OWN = ("points", "colors")
 
 
-def read(path: Path) -> Columns:
-    """The arrays `points` and `colors`; pickled objects are refused."""
+def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
+    """The arrays `points` and `colors`, and all others with a row a point; pickled objects are refused."""
     with _archive(path) as archive:
         members = _members(archive, path)
         points = _rows_of_three(archive, members["points"], path)
         colors = _rows_of_three(archive, members["colors"], path) if "colors" in members else None
+        others = {name: member for name, member in members.items() if name in wanted and name not in _OWN}
+        headers = {name: _shape_and_type(archive, member) for name, member in others.items()}
+        names = [
+            name
+            for name, (shape, kind) in headers.items()
+            if shape[:1] == points.shape[:1] and len(shape) <= 2 and 0 not in shape[1:] and kind.kind in "biuf"
+        ]
+        require_density(path, sum(math.prod(headers[name][0]) for name in names))
+        fields = {name: _array(archive, others[name], path) for name in names}
     if colors is not None and colors.shape != points.shape:
         raise CloudError(f"{path}: colors has shape {colors.shape}, points {points.shape}; they must be equal")
-    return Columns(points.astype(np.float64), None if colors is None else unit_colors(colors, path))
+    return Columns(points.astype(np.float64), None if colors is None else unit_colors(colors, path), fields)
 
 
-def read_fields(path: Path) -> dict[str, NDArray[Any]]:
-    """All other arrays of one number a point."""
-    with _archive(path) as archive:
-        members = _members(archive, path)
-        headers = {name: _shape_and_type(archive, member) for name, member in members.items()}
-        rows = headers["points"][0][:1]
-        names = [name for name, (shape, kind) in headers.items() if shape == rows and kind.kind in "biuf"]
-        require_density(path, len(names) * math.prod(rows))
-        return {name: _array(archive, members[name], path) for name in names}
-
-
-def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+def write(
+    cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
+) -> None:
     """Write double coordinates and float32 colours, compressed: nothing is lost, asked or not."""
     arrays: dict[str, Any] = {"points": cloud.points, **fields}
     if cloud.colors is not None:

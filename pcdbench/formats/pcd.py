@@ -7,6 +7,7 @@ packed `rgb` (8 bits each in the bits of a float) is read and written.
 from __future__ import annotations
 
 import io
+from collections.abc import Container
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,15 +18,16 @@ from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
     NO_FIELDS,
+    NOTHING,
     Columns,
     Fields,
     color_bytes,
     coordinate_and_color_names,
+    flat_fields,
     needs_double,
     require_bytes,
     require_density,
     unit_colors,
-    whole_bytes,
 )
 
 _PACKED = ("rgb", "rgba")
@@ -34,8 +36,8 @@ _KINDS = {"F": "f", "U": "u", "I": "i"}
 _MOST_COMPRESSED = 88
 
 
-def read(path: Path) -> Columns:
-    """The points of a PCD file; fields in any order and type, others passed over.
+def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
+    """The points of a PCD file; fields in any order and type, padding passed over.
 
     The VIEWPOINT is where the scanner stood; it is not applied to the points, as PCL does not.
     """
@@ -46,18 +48,16 @@ def read(path: Path) -> Columns:
         raise CloudError(f"{path} has no fields x, y and z but {' '.join(names)}; export it as a point cloud")
     points = np.stack([rows[name].astype(np.float64) for name in xyz], axis=1)
     packed = next((name for name in _PACKED if name in names), None)
+    taken = {*xyz, *rgb, *_PACKED}
+    fields = {
+        name: np.asarray(rows[name])
+        for name in names
+        if name in wanted and name not in taken and not name.startswith("_")
+    }
     if packed:
-        return Columns(points, unit_colors(_unpacked(rows[packed], path), path))
+        return Columns(points, unit_colors(_unpacked(rows[packed], path), path), fields)
     colors = np.stack([rows[name] for name in rgb], axis=1) if rgb else None
-    return Columns(points, None if colors is None else unit_colors(colors, path))
-
-
-def read_fields(path: Path) -> dict[str, NDArray[Any]]:
-    """All other fields of one number a point; padding is none."""
-    row_type, rows = _rows(path)
-    names = [name for name in row_type.names or () if row_type[name].shape == () and not name.startswith("_")]
-    xyz, rgb = coordinate_and_color_names(names)
-    return {name: np.asarray(rows[name]) for name in names if name not in [*xyz, *rgb, *_PACKED]}
+    return Columns(points, None if colors is None else unit_colors(colors, path), fields)
 
 
 def _rows(path: Path) -> tuple[np.dtype[Any], Any]:
@@ -79,7 +79,9 @@ def _rows(path: Path) -> tuple[np.dtype[Any], Any]:
                 raise CloudError(f"{path}: its data is {' '.join(other)!r}; save it as ascii or binary PCD")
 
 
-def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+def write(
+    cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
+) -> None:
     """Write binary PCD: x y z as float, or as double where float would lose more than 0.05 mm; packed `rgb`.
 
     Fields follow. Where it must be exact, coordinates are double if float would lose anything.
@@ -91,16 +93,17 @@ def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool
         columns["rgb"] = ("F", 4)
         # By PCL's custom a float in the header, whose bits are the colour.
         kinds.append(("rgb", "<u4"))
-    for name, field in fields.items():
-        columns[name] = ("U", 1) if whole_bytes(field) else ("F", 4)
-        kinds.append((name, "u1" if whole_bytes(field) else "<f4"))
+    others = flat_fields(fields)
+    for name, field in others.items():
+        columns[name] = (field.dtype.kind.upper(), field.dtype.itemsize)
+        kinds.append((name, field.dtype.str))
     rows = np.empty(len(cloud), dtype=kinds)
     for name, column in zip("xyz", cloud.points.T, strict=True):
         rows[name] = column
     if cloud.colors is not None:
         red, green, blue = color_bytes(cloud.colors).astype(np.uint32).T
         rows["rgb"] = red << 16 | green << 8 | blue
-    for name, field in fields.items():
+    for name, field in others.items():
         rows[name] = field
     header = [
         "# .PCD v0.7 - Point Cloud Data file format",
@@ -174,7 +177,7 @@ def _ascii_rows(stream: BinaryIO, row_type: np.dtype[Any], count: int, path: Pat
     rows, start = {}, 0
     for name in row_type.names or ():
         width = int(np.prod(row_type[name].shape))
-        column, base = numbers[:, start], row_type[name].base
+        column, base = numbers[:, start : start + width].reshape(-1, *row_type[name].shape), row_type[name].base
         if base.kind in "iu" and not np.all((column >= np.iinfo(base).min) & (column <= np.iinfo(base).max)):
             raise CloudError(f"{path}: field {name} does not fit the type its header names; export it again")
         # Coordinates stay double: text may hold more digits than the named type.

@@ -7,6 +7,7 @@ Read here and not by Open3D 0.20, which (tried) returns a file cut off after 2 o
 from __future__ import annotations
 
 import io
+from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,14 +19,15 @@ from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
     NO_FIELDS,
+    NOTHING,
     Columns,
     Fields,
     color_bytes,
     coordinate_and_color_names,
+    flat_fields,
     needs_double,
     require_bytes,
     unit_colors,
-    whole_bytes,
 )
 
 _TYPES = {
@@ -38,6 +40,7 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+_NAMES = {kind: name for name, kind in reversed(_TYPES.items())}  # the older ones, which all programs know
 _BYTE_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20
 
@@ -68,25 +71,20 @@ class _Element:
         return sum(np.dtype(item.count_type or item.type).itemsize for item in self.properties)
 
 
-def read(path: Path) -> Columns:
-    """The element `vertex` of a PLY file: properties in any order and type; everything else in it is passed over."""
-    xyz, rgb, rows = _vertices(path)
+def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
+    """The element `vertex` of a PLY file: properties of any type and order; lists are passed over."""
+    xyz, rgb, rows = _vertices(path, wanted)
     points = np.stack([rows[name].astype(np.float64) for name in xyz], axis=1)
     colors = np.stack([rows[name] for name in rgb], axis=1) if rgb else None
-    return Columns(points, None if colors is None else unit_colors(colors, path))
-
-
-def read_fields(path: Path) -> dict[str, NDArray[Any]]:
-    """The vertices' other properties; lists are none."""
-    xyz, rgb, rows = _vertices(path, everything=True)
     names = rows if isinstance(rows, dict) else rows.dtype.names or ()
-    return {name: np.asarray(rows[name]) for name in names if name not in xyz + rgb}
+    fields = {name: np.asarray(rows[name]) for name in names if name not in xyz + rgb and name in wanted}
+    return Columns(points, None if colors is None else unit_colors(colors, path), fields)
 
 
 def _vertices(
-    path: Path, everything: bool = False
+    path: Path, wanted: Container[str]
 ) -> tuple[list[str], list[str], NDArray[Any] | dict[str, NDArray[Any]]]:
-    """The names of x, y, z and of red, green, blue, and the vertices' rows; of text only these, or everything."""
+    """The names of x, y, z and of red, green, blue, and the vertices' rows; of text only these and what is wanted."""
     with path.open("rb") as stream:
         byte_order, elements = _header(stream, path)
         elements_named = [element.name for element in elements]
@@ -103,33 +101,41 @@ def _vertices(
             require_bytes(path, vertex.count * vertex.smallest_row(), vertex.count, present)
             return xyz, rgb, _binary_rows(stream, elements[:position], vertex, byte_order, path)
         require_bytes(path, 2 * vertex.count * len(vertex.properties) - 1, vertex.count, present)
-        wanted = names if everything else xyz + rgb
-        return xyz, rgb, _ascii_rows(stream, elements[:position], vertex, wanted, path)
+        asked = [name for name in names if name in xyz + rgb or name in wanted]
+        return xyz, rgb, _ascii_rows(stream, elements[:position], vertex, asked, path)
 
 
-def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+def write(
+    cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
+) -> None:
     """Write binary PLY: x y z as float, or as double where float would lose more than 0.05 mm; 8-bit colours.
 
     Fields follow. Where it must be exact, coordinates are double if float would lose anything.
     """
-    coordinate = "double" if needs_double(cloud.points, exact) else "float"
-    kinds = dict.fromkeys("xyz", coordinate)
+    columns: dict[str, NDArray[Any]] = dict(zip("xyz", cloud.points.T, strict=True))
+    kinds = dict.fromkeys("xyz", np.dtype("<f8" if needs_double(cloud.points, exact) else "<f4"))
+    others = {name: _storable(column) for name, column in flat_fields(fields).items()}
     if cloud.colors is not None:
-        kinds |= dict.fromkeys(("red", "green", "blue"), "uchar")
-    kinds |= {name: "uchar" if whole_bytes(column) else "float" for name, column in fields.items()}
-    rows = np.empty(len(cloud), dtype=[(name, "<" + _TYPES[kind]) for name, kind in kinds.items()])
-    for name, column in zip("xyz", cloud.points.T, strict=True):
-        rows[name] = column
-    if cloud.colors is not None:
-        for name, column in zip(("red", "green", "blue"), color_bytes(cloud.colors).T, strict=True):
-            rows[name] = column
-    for name, column in fields.items():
+        others = dict(zip(("red", "green", "blue"), color_bytes(cloud.colors).T, strict=True)) | others
+    columns |= others
+    kinds |= {name: column.dtype for name, column in others.items()}
+    rows = np.empty(len(cloud), dtype=list(kinds.items()))
+    for name, column in columns.items():
         rows[name] = column
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(cloud)}"]
-    header += [f"property {kind} {name}" for name, kind in kinds.items()]
+    header += [f"property {_NAMES[kind.str[1:]]} {name}" for name, kind in kinds.items()]
     with path.open("wb") as stream:
         stream.write("\n".join([*header, "end_header\n"]).encode())
         rows.tofile(stream)
+
+
+def _storable(column: NDArray[Any]) -> NDArray[Any]:
+    """PLY has no numbers of 64 bits but double."""
+    if column.dtype.kind not in "iu" or column.dtype.itemsize < 8:
+        return column
+    smaller = np.dtype("<i4" if column.dtype.kind == "i" else "<u4")
+    fits = not column.size or (column.min() >= np.iinfo(smaller).min and column.max() <= np.iinfo(smaller).max)
+    return column.astype(smaller if fits else "<f8")
 
 
 def _header(stream: BinaryIO, path: Path) -> tuple[str, list[_Element]]:
@@ -175,11 +181,12 @@ def _ascii_rows(
         if not line:
             raise CloudError(f"{path} is cut off before its vertices; copy it again")
         passed += bool(line.strip())
-    names = [item.name for item in vertex.properties]
+    names = [item.name for item in vertex.properties if not item.count_type]
     if not vertex.count:
         return {name: np.empty(0) for name in wanted}
+    rows_of_text = (line for line in lines if line.strip())
     numbers = np.loadtxt(
-        (line for line in lines if line.strip()),
+        _without_lists(rows_of_text, vertex, path) if vertex.has_list else rows_of_text,
         max_rows=vertex.count,
         usecols=[names.index(name) for name in wanted],
         ndmin=2,
@@ -199,6 +206,23 @@ def _ascii_rows(
                 raise CloudError(f"{path}: {name} does not fit the type its header names; export it again")
         rows[name] = column.astype(kind) if kind.kind in "iu" else column
     return rows
+
+
+def _without_lists(lines: Iterator[str], element: _Element, path: Path) -> Iterator[str]:
+    """The lines of an element's rows, the words of its lists left out."""
+    for line in lines:
+        words = line.split()
+        kept, at = [], 0
+        for item in element.properties:
+            if item.count_type:
+                length = words[at] if at < len(words) else ""
+                if not length.isdecimal():
+                    raise CloudError(f"{path}: a list of {element.name} does not say how long it is; export it again")
+                at += 1 + int(length)
+            else:
+                kept += words[at : at + 1]
+                at += 1
+        yield " ".join(kept)
 
 
 def _binary_rows(

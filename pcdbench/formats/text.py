@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import re
+import warnings
+from collections.abc import Container
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -15,15 +18,19 @@ from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
     NO_FIELDS,
+    NOTHING,
+    CloudWarning,
     Columns,
     Fields,
     color_bytes,
     coordinate_and_color_names,
+    flat_fields,
     unit_colors,
-    whole_bytes,
 )
 
 _COMMENT = re.compile(r"\s*(#|//)\s*")
+_DECIMAL_COMMA = re.compile(r"\s*-?\d+,\d+\s*[;\t ]\s*-?\d+,\d+")
+_RGB = ("red", "green", "blue")
 _HEADER_LINES = 200
 _ROWS_A_PIECE = 100_000
 
@@ -34,31 +41,79 @@ class _Layout:
     lines_before: int
     names: list[str]  # of the columns; [] where the file does not say
     columns: int
+    is_counted: bool  # a first line has the number of points
 
 
-def read(path: Path) -> Columns:
+def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     """The points of a text file.
 
     Columns are found by their names where a header line (or the comment before the first row) has x, y and z,
-    otherwise by place: x y z, then, in files of six columns and more, red green blue. Three columns of unit
-    vectors in that place are normals and passed over.
+    otherwise by place: x y z, then, in files of six columns and more, red green blue. Three columns of unit vectors in
+    that place are normals. Of seven columns the fourth is an intensity where it cannot be a colour, or where the first
+    line is a number of points, as in PTS files. Fields without a name have that of their place (`column_7`).
     """
     layout = _layout(path)
-    xyz_names, rgb_names = coordinate_and_color_names(layout.names)
-    if xyz_names:
-        places = [layout.names.index(name) for name in xyz_names + rgb_names]
-    else:
-        places = list(range(6 if layout.columns >= 6 else 3))
-    if max(places) >= layout.columns:
+    if layout.columns < 3:
         raise CloudError(f"{path} has {layout.columns} columns where x y z are needed; check its separators")
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        numbers = np.loadtxt(
-            islice(stream, layout.lines_before, None), delimiter=layout.separator, usecols=places, ndmin=2
+    xyz, rgb = coordinate_and_color_names(layout.names)
+    if xyz:
+        names = layout.names
+        asked = [name for name in dict.fromkeys(names) if name in xyz + rgb or name in wanted]
+        numbers = _numbers(path, layout, [names.index(name) for name in asked])
+        column = dict(zip(asked, numbers.T, strict=True))
+    else:
+        own = 3 if layout.columns < 6 else 7 if layout.columns == 7 else 6
+        more = [place for place in range(own, layout.columns) if f"column_{place + 1}" in wanted]
+        numbers = _numbers(path, layout, [*range(own), *more])
+        names = _names_by_place(numbers, layout, path)
+        xyz, rgb = coordinate_and_color_names(names)
+        column = dict(zip(names, numbers.T, strict=True))
+    fields = {name: column[name] for name in column if name in wanted and name not in xyz + rgb}
+    colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path) if rgb else None
+    return Columns(np.stack([column[name] for name in xyz], axis=1), colors, fields)
+
+
+def _names_by_place(numbers: NDArray[np.float64], layout: _Layout, path: Path) -> list[str]:
+    """What the columns are of a file that does not name them."""
+    names = ["x", "y", "z", *(f"column_{place}" for place in range(4, numbers.shape[1] + 1))]
+    if numbers.shape[1] < 6:
+        return names
+    if _are_unit_vectors(numbers[:, 3:6]):
+        return [*names[:3], "nx", "ny", "nz", *names[6:]]
+    if layout.columns == 7 and _may_be_bytes(numbers[:, 4:7]):
+        if layout.is_counted or not _may_be_bytes(numbers[:, 3]):
+            return [*names[:3], "intensity", *_RGB]
+        warnings.warn(
+            f"{path}: its seven columns have no names; the 4th to 6th are taken for red, green and blue. If the 4th is "
+            "an intensity, write a first line: x y z intensity red green blue",
+            CloudWarning,
+            4,
         )
-    points, colors = numbers[:, :3], numbers[:, 3:]
-    if not colors.size or (not rgb_names and _are_unit_vectors(colors)):
-        return Columns(points, None)
-    return Columns(points, unit_colors(colors, path))
+    return [*names[:3], *_RGB, *names[6:]]
+
+
+def _may_be_bytes(numbers: NDArray[np.float64]) -> bool:
+    return bool(np.all((numbers >= 0) & (numbers <= 255) & (numbers == np.floor(numbers)) | np.isnan(numbers)))
+
+
+def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float64]:
+    """(N, len(places)) these columns of all rows."""
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        try:
+            rows = islice(stream, layout.lines_before, None)
+            return np.loadtxt(rows, delimiter=layout.separator, usecols=places, ndmin=2)
+        except ValueError as error:
+            stream.seek(0)
+            for number, line in enumerate(stream, 1):
+                words = [word.strip() for word in line.split("#")[0].strip().split(layout.separator)]
+                asked = [words[place] for place in places if place < len(words)]
+                is_row = number > layout.lines_before and any(words)
+                if is_row and not (len(asked) == len(places) and all(map(_is_number, asked))):
+                    raise CloudError(
+                        f"{path}: line {number} ({line.strip()[:60]!r}) has no {layout.columns} numbers as the first "
+                        "row has; mend or delete it"
+                    ) from error
+            raise
 
 
 def holds_points(path: Path) -> bool:
@@ -69,24 +124,9 @@ def holds_points(path: Path) -> bool:
         return False
 
 
-def read_fields(path: Path) -> dict[str, NDArray[Any]]:
-    """The named columns besides coordinates and colours; without names there are none."""
-    layout = _layout(path)
-    xyz, rgb = coordinate_and_color_names(layout.names)
-    places = {name: place for place, name in enumerate(layout.names) if name not in xyz + rgb}
-    if not xyz or not places:
-        return {}
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        numbers = np.loadtxt(
-            islice(stream, layout.lines_before, None),
-            delimiter=layout.separator,
-            usecols=list(places.values()),
-            ndmin=2,
-        )
-    return dict(zip(places, numbers.T, strict=True))
-
-
-def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False) -> None:
+def write(
+    cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
+) -> None:
     """Write x y z with 0.01 mm (a nanometre where it must be exact) and 8-bit colours.
 
     CSV with commas and a header line, all others with blanks; these have a comment that names the columns only
@@ -100,9 +140,9 @@ def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool
         names += ["red", "green", "blue"]
         formats += ["%d"] * 3
         columns.append(color_bytes(cloud.colors))
-    for name, field in fields.items():
+    for name, field in flat_fields(fields).items():
         names.append(name)
-        formats.append("%d" if whole_bytes(field) else "%.4f")
+        formats.append("%d" if field.dtype.kind in "iu" else "%.9g" if field.dtype == np.float32 else "%.16g")
         columns.append(field)
     with path.open("w", encoding="ascii") as stream:
         if is_csv or fields:
@@ -116,8 +156,12 @@ def write(cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool
 def _layout(path: Path) -> _Layout:
     """How the file is laid out, from its first lines."""
     with path.open("rb") as stream:
-        if b"\0" in stream.read(4096):
-            raise CloudError(f"{path} is not text; check its extension")
+        start = stream.read(4096)
+    if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise CloudError(f"{path} is text in UTF-16; save it as UTF-8")
+    if b"\0" in start:
+        raise CloudError(f"{path} is not text; check its extension")
+    is_counted = False
     names: list[str] = []
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         lines = [stream.readline(1 << 16) for _ in range(_HEADER_LINES)]
@@ -130,11 +174,14 @@ def _layout(path: Path) -> _Layout:
         elif words and all(map(_is_number, words)):
             # Some programs write the number of points before the first of them.
             if len(words) > 1 or not words[0].isdecimal():
-                return _Layout(separator, number, names if len(names) == len(words) else [], len(words))
+                return _Layout(separator, number, names if len(names) == len(words) else [], len(words), is_counted)
+            is_counted = True
         elif text and not names:
             names = words
         elif text:
             break
+    if any(_DECIMAL_COMMA.match(line) for line in lines):
+        raise CloudError(f"{path} has decimal commas; save it with decimal points")
     raise CloudError(f"{path} has no rows of numbers; each line must hold x y z, and may hold red green blue")
 
 

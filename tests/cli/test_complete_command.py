@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
-from pcdbench.formats import EXTENSIONS, read_fields
+from pcdbench.formats import EXTENSIONS, read_cloud_and_fields, write_cloud
 
 OFFSET = np.array([1_000_000.0, 2_000_000.0, 100.0])
 
@@ -56,13 +56,44 @@ def test_every_format_keeps_what_was_observed_and_marks_what_was_added(run, exte
             np.testing.assert_allclose(done.points[:count], scan.points, rtol=0, atol=1e-9)
         else:
             np.testing.assert_array_equal(done.points[:count], scan.points)
-        fields = read_fields(Path(f"out{extension}"))
+        fields = read_cloud_and_fields(Path(f"out{extension}"))[1]
         np.testing.assert_array_equal(fields["added"], np.arange(len(done)) >= count)
         assert (fields["confidence"][:count] == 1).all() and fields["confidence"].min() >= 0
         assert (fields["confidence"][count:] < 1).any() and "cannot mark" not in said
     np.testing.assert_array_equal(done.colors[:count], scan.colors)
     middle = done.points[count:] - OFFSET - [2.0, 2.0, 0]
     assert (np.linalg.norm(middle, axis=1) < 0.75).mean() > 0.9
+
+
+@pytest.mark.parametrize("extension", [".ply", ".pcd", ".csv", ".npz", ".laz"])
+def test_further_fields_of_observed_points_are_kept(run, extension):
+    scan = floor(offset=np.zeros(3))
+    label, time_s = np.arange(len(scan)) % 7, np.arange(len(scan)) + 0.25
+    write_cloud(scan, Path("scan.npz"), {"label": label.astype(np.int16), "gps_time": time_s})
+    run("scan.npz", "-o", f"out{extension}", "--completer", "plane_fitting")
+    fields = read_cloud_and_fields(Path(f"out{extension}"))[1]
+    assert set(fields) == {"label", "gps_time", "added", "confidence"}
+    seen = fields["added"] == 0
+    np.testing.assert_array_equal(fields["label"][seen], label)
+    np.testing.assert_array_equal(fields["gps_time"][seen], time_s)
+    unknown = fields["gps_time"][~seen]
+    assert len(unknown) and (unknown == 0 if extension == ".laz" else np.isnan(unknown)).all()
+    assert not fields["label"][~seen].any()
+
+
+def test_what_e57_cannot_hold_is_told(run):
+    scan = floor(offset=np.zeros(3))
+    write_cloud(scan, Path("scan.ply"), {"label": np.zeros(len(scan)), "time": np.zeros(len(scan))})
+    said = run("scan.ply", "-o", "out.e57", "--completer", "plane_fitting")
+    assert "pcdbench: .e57 cannot hold label, time of scan.ply: left out" in said
+
+
+def test_completing_again_begins_from_what_was_observed(run):
+    floor().write("scan.ply")
+    first = run("scan.ply", "-o", "once.ply", "--completer", "plane_fitting")
+    said = run("once.ply", "-o", "twice.ply", "--completer", "plane_fitting")
+    assert "a completion added" in said and "a completion added" not in first
+    assert Path("twice.ply").read_bytes() == Path("once.ply").read_bytes()
 
 
 def test_formats_mix_and_single_precision_stays(run):
@@ -96,7 +127,7 @@ def test_added_only_report_options_and_axes(run):
     )
     added = PointCloud.read("added.ply")
     assert 100 < len(added) < 1000 and (np.abs(added.points[:, 1]) < 0.05).all()
-    assert (read_fields(Path("added.ply"))["added"] == 1).all()
+    assert (read_cloud_and_fields(Path("added.ply"))[1]["added"] == 1).all()
     assert "again/report.md: " in said and f"added.ply: {len(scan):,} points observed, {len(added):,} added" in said
     assert "100 % of" in said
     assert json.loads(Path("again/report.json").read_text())["added_points"] == len(added)

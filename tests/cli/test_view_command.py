@@ -74,13 +74,13 @@ def test_another_axis_may_be_up(scans: Path, room: Scene) -> None:
     assert pages[0] == pages[1] != pages[2]
 
 
-def test_dropped_rows_are_told_and_their_marks_not_believed(scans: Path) -> None:
+def test_dropped_rows_are_told_and_their_marks_dropped_with_them(scans: Path) -> None:
     rows = np.column_stack([np.random.default_rng(0).random((100, 3)), np.ones(100)])
-    rows[3, 0] = np.nan
+    rows[3, 0], rows[4, 3] = np.nan, 0
     np.savetxt("c.txt", rows, header="x y z added")
     ended = view("c.txt")
-    assert ended.stderr == "pcdbench: c.txt: 1 of 100 points are not valid (NaN, say): dropped\n"
-    assert "<span>99 points · no colour</span>" in (scans / "view.html").read_text()
+    assert ended.stderr == "pcdbench: c.txt: 1 of 100 points are not valid (NaN, or marked so): dropped\n"
+    assert "<span>99 points · no colour · 98 added (99%)</span>" in (scans / "view.html").read_text()
 
 
 def test_files_of_one_name_are_told_apart_by_their_folders(scans: Path, cloud: PointCloud) -> None:

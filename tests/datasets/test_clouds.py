@@ -15,7 +15,7 @@ from pcdbench.cloud import PointCloud
 from pcdbench.datasets import scans
 from pcdbench.datasets.clouds import Clouds, _scene_names
 from pcdbench.errors import CloudError, PcdbenchError
-from pcdbench.formats import CloudWarning
+from pcdbench.formats import CloudWarning, write_cloud
 
 REAL = Path(os.environ.get("PCDBENCH_REAL_DATA", Path(__file__).parents[3] / "shared/data/real"))
 
@@ -112,6 +112,15 @@ def test_map_coordinates_stay(tmp_path):
     expected = room(300, offset=(1.2e6, 7.6e6, 500)).points
     np.testing.assert_allclose(scene.dense.points, expected, rtol=0, atol=5e-5)
     assert len(np.unique(scene.complete.points, axis=0)) == 100
+
+
+def test_what_a_completion_added_is_not_measured_against(tmp_path):
+    cloud = room()
+    added = np.arange(len(cloud)) >= 500
+    write_cloud(cloud, tmp_path / "done.ply", {"added": added, "confidence": np.ones(len(cloud), np.float32)})
+    with pytest.warns(CloudWarning, match="a completion added 100 of its points"):
+        scene = opened(tmp_path / "done.ply").scene("done")
+    np.testing.assert_allclose(scene.dense.points, cloud.points[:500], atol=1e-6)
 
 
 def test_repeated_points_count_once(tmp_path):

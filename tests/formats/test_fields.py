@@ -5,9 +5,21 @@ import pytest
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats import EXTENSIONS, carries_fields, read_cloud, read_fields, write_cloud
+from pcdbench.formats import (
+    EXTENSIONS,
+    CloudWarning,
+    carries_fields,
+    read_cloud,
+    read_cloud_and_fields,
+    read_observed,
+    write_cloud,
+)
 
 WITH_FIELDS = [extension for extension in EXTENSIONS if extension != ".e57"]
+
+
+def fields_of(path):
+    return read_cloud_and_fields(path)[1]
 
 
 def marked(count=200, offset=0.0, color=True):
@@ -23,7 +35,7 @@ def marked(count=200, offset=0.0, color=True):
 def test_fields_come_back(tmp_path, extension, color):
     cloud, fields = marked(color=color)
     write_cloud(cloud, tmp_path / f"a{extension}", fields)
-    back = read_fields(tmp_path / f"a{extension}")
+    back = fields_of(tmp_path / f"a{extension}")
     assert set(back) == {"added", "confidence"}
     np.testing.assert_array_equal(back["added"], fields["added"])
     np.testing.assert_allclose(back["confidence"], fields["confidence"], atol=1e-6)
@@ -38,7 +50,7 @@ def test_fields_come_back(tmp_path, extension, color):
 def test_files_without_fields_have_none(tmp_path, extension):
     cloud, _ = marked()
     write_cloud(cloud, tmp_path / f"a{extension}")
-    assert read_fields(tmp_path / f"a{extension}") == {}
+    assert fields_of(tmp_path / f"a{extension}") == {}
 
 
 def test_e57_says_that_it_has_no_fields(tmp_path):
@@ -47,9 +59,6 @@ def test_e57_says_that_it_has_no_fields(tmp_path):
     with pytest.raises(CloudError, match=r"a\.e57: \.e57 files cannot hold added, confidence; write PLY"):
         write_cloud(cloud, tmp_path / "a.e57", fields)
     assert not list(tmp_path.iterdir())
-    write_cloud(cloud, tmp_path / "a.e57")
-    with pytest.raises(CloudError, match="coordinates and colours alone"):
-        read_fields(tmp_path / "a.e57")
 
 
 def test_other_programs_fields_are_read(tmp_path):
@@ -57,10 +66,10 @@ def test_other_programs_fields_are_read(tmp_path):
         "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float nx\nproperty float y\n"
         "property float z\nproperty uchar label\nend_header\n1 0.5 2 3 7\n4 -0.5 5 6 8\n"
     )
-    fields = read_fields(tmp_path / "a.ply")
+    fields = fields_of(tmp_path / "a.ply")
     assert fields["nx"].tolist() == [0.5, -0.5] and fields["label"].tolist() == [7, 8] and len(fields) == 2
     (tmp_path / "a.csv").write_text("x;y;z;Scalar\n1;2;3;0.25\n")
-    assert read_fields(tmp_path / "a.csv")["Scalar"].tolist() == [0.25]
+    assert fields_of(tmp_path / "a.csv")["Scalar"].tolist() == [0.25]
 
 
 @pytest.mark.parametrize("offset", [0.0, 1_234_567.125])
@@ -83,3 +92,182 @@ def test_exact_float_input_stays_float(tmp_path):
     cloud, _ = marked()
     write_cloud(cloud, tmp_path / "a.ply", exact=True)
     assert b"property float x" in (tmp_path / "a.ply").read_bytes()[:200]
+
+
+NUMBERS = {
+    "label": np.int32,
+    "ring": np.uint16,
+    "time": np.float64,
+    "reflectance": np.float32,
+    "small": np.int8,
+    "id": np.int64,
+}
+
+
+def measured(count=200):
+    rng = np.random.default_rng(5)
+    fields = {name: rng.uniform(-100, 100, count).astype(kind) for name, kind in NUMBERS.items()}
+    fields["ring"] = rng.integers(0, 60_000, count).astype(np.uint16)
+    fields["time"] = 1.7e9 + np.round(rng.uniform(0, 1e4, count), 6)
+    return fields
+
+
+@pytest.mark.parametrize("extension", WITH_FIELDS)
+def test_fields_keep_their_numbers_and_types(tmp_path, extension):
+    path, fields = tmp_path / f"a{extension}", measured()
+    write_cloud(marked()[0], path, fields)
+    back = fields_of(path)
+    assert list(back) == list(fields)
+    for name, values in fields.items():
+        np.testing.assert_array_equal(back[name].astype(values.dtype), values, err_msg=name)
+        if extension not in (".xyz", ".txt", ".csv", ".asc") and (extension, name) != (".ply", "id"):
+            assert back[name].dtype == values.dtype, name
+
+
+@pytest.mark.parametrize("extension", WITH_FIELDS)
+def test_vectors_are_numbered_where_a_column_is_one_number(tmp_path, extension):
+    normals = np.random.default_rng(0).normal(size=(200, 3)).astype(np.float32)
+    write_cloud(marked()[0], tmp_path / f"a{extension}", {"normal of": normals})
+    back = fields_of(tmp_path / f"a{extension}")
+    if extension == ".npz":
+        np.testing.assert_array_equal(back["normal of"], normals)
+    else:
+        assert list(back) == ["normal_of_0", "normal_of_1", "normal_of_2"]
+        np.testing.assert_allclose(np.stack(list(back.values()), axis=1), normals, rtol=1e-6)
+
+
+def test_fields_of_rows_that_are_dropped_are_dropped_with_them(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z,label\n0,0,0,1\nnan,0,0,2\n1,1,1,3\n")
+    with pytest.warns(CloudWarning, match="1 of 3 points"):
+        cloud, fields = read_cloud_and_fields(tmp_path / "a.csv")
+    assert len(cloud) == 2 and fields["label"].tolist() == [1, 3]
+
+
+def test_a_field_has_a_row_for_each_point(tmp_path):
+    with pytest.raises(CloudError, match="field label must have a row for each of the 200 points"):
+        write_cloud(marked()[0], tmp_path / "a.ply", {"label": np.zeros(199)})
+
+
+def survey(path, point_format=7, version="1.4"):
+    """A LAS file as surveyors hand it over: times, classes, an extra dimension, and a reference system in WKT."""
+    import laspy
+
+    rng = np.random.default_rng(1)
+    header = laspy.LasHeader(version=version, point_format=point_format)
+    header.scales, header.offsets = [1e-3] * 3, [400_000, 5_000_000, 100]
+    header.global_encoding.wkt, header.global_encoding.gps_time_type = True, laspy.header.GpsTimeType.STANDARD
+    header.vlrs.append(laspy.vlrs.known.WktCoordinateSystemVlr("PROJCS[made up]"))
+    header.vlrs.append(laspy.VLR("somebody", 7, "", b"else's"))
+    header.add_extra_dim(laspy.ExtraBytesParams("range_m", np.float64))
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = (rng.uniform(0, 4, (300, 3)) + np.array([400_000, 5_000_000, 100])).T
+    las.red, las.green, las.blue = rng.integers(0, 65536, (3, 300))
+    las.intensity, las.classification = rng.integers(0, 60_000, 300), rng.integers(0, 100, 300)
+    las.return_number, las.number_of_returns = np.full((2, 300), 9)
+    las.gps_time, las.range_m = 3e8 + np.arange(300) / 7, rng.uniform(1, 9, 300)
+    las.write(path)
+    return las
+
+
+@pytest.mark.parametrize("extension", [".las", ".laz"])
+def test_las_keeps_its_own_dimensions_and_where_on_earth_it_is(tmp_path, extension):
+    import laspy
+
+    before = survey(tmp_path / "scan.las")
+    cloud, fields = read_cloud_and_fields(tmp_path / "scan.las")
+    write_cloud(cloud, tmp_path / f"again{extension}", fields, exact=True, like=tmp_path / "scan.las")
+    after = laspy.read(tmp_path / f"again{extension}")
+    assert after.header.point_format.id == 7 and after.header.version == "1.4"
+    np.testing.assert_allclose(after.xyz, before.xyz, atol=1e-9)
+    for name in ("red", "intensity", "classification", "return_number", "gps_time", "range_m"):
+        np.testing.assert_array_equal(np.asarray(after[name]), np.asarray(before[name]), err_msg=name)
+    assert [record.string for record in after.header.vlrs.get("WktCoordinateSystemVlr")] == ["PROJCS[made up]"]
+    assert after.header.global_encoding.wkt and after.header.global_encoding.gps_time_type.value == 1
+    assert b"else's" not in (tmp_path / f"again{extension}").read_bytes()
+
+
+def test_las_takes_the_smallest_point_format_that_holds_what_there_is(tmp_path):
+    import laspy
+
+    cloud, _ = marked()
+    some = np.arange(200) % 7
+    for fields, number in (
+        ({}, 2),
+        ({"intensity": some}, 2),
+        ({"gps_time": some + 0.5}, 3),
+        ({"intensity": some, "classification": some + 40}, 7),
+        ({"scan_angle": some, "nir": some}, 8),
+    ):
+        write_cloud(cloud, tmp_path / "a.las", fields)
+        las = laspy.read(tmp_path / "a.las")
+        assert las.header.point_format.id == number, fields
+        assert not list(las.point_format.extra_dimension_names)
+        for name, values in fields.items():
+            np.testing.assert_array_equal(las[name], values)
+
+
+def test_what_las_has_a_name_but_no_place_for_stands_beside(tmp_path):
+    intensity = np.linspace(0, 1, 200)
+    write_cloud(
+        marked()[0], tmp_path / "a.las", {"intensity": intensity, "gps_time": np.where(intensity > 0.5, np.nan, 4)}
+    )
+    back = fields_of(tmp_path / "a.las")
+    np.testing.assert_array_equal(back["intensity_"], intensity)
+    assert "intensity" not in back and set(back["gps_time"]) == {0, 4}
+
+
+def test_withheld_points_are_deleted_ones(tmp_path):
+    import laspy
+
+    las = survey(tmp_path / "scan.las")
+    las.withheld = np.arange(300) < 10
+    las.write(tmp_path / "scan.las")
+    with pytest.warns(CloudWarning, match="10 of 300 points are not valid"):
+        cloud, fields = read_cloud_and_fields(tmp_path / "scan.las")
+    np.testing.assert_array_equal(cloud.points[:, 0], np.asarray(las.x)[10:])
+    assert len(fields["gps_time"]) == 290 and "withheld" not in fields
+    assert "withheld" in laspy.read(tmp_path / "scan.las").point_format.dimension_names
+
+
+def test_fields_of_all_scans_of_an_e57_are_read(tmp_path):
+    import pye57
+
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    x = np.arange(5.0)
+    for more in ({"rowIndex": np.arange(5)}, {}):
+        file.write_scan_raw({"cartesianX": x, "cartesianY": x, "cartesianZ": x, "intensity": x / 4, **more})
+    file.close()
+    fields = fields_of(tmp_path / "a.e57")
+    assert list(fields) == ["intensity"] and fields["intensity"].tolist() == [*(x / 4), *(x / 4)]
+
+
+@pytest.mark.parametrize("extension", WITH_FIELDS)
+def test_what_a_completion_added_is_no_observation(tmp_path, extension):
+    path = tmp_path / f"done{extension}"
+    cloud, fields = marked()
+    write_cloud(cloud, path, {"label": np.arange(200), **fields})
+    count = int(fields["added"].sum())
+    with pytest.warns(CloudWarning, match=f"a completion added {count} of its points"):
+        seen, others = read_observed(path, with_fields=True)
+    np.testing.assert_allclose(seen.points, cloud.points[~fields["added"]], atol=1e-4)
+    assert list(others) == ["label"] and others["label"].tolist() == np.flatnonzero(~fields["added"]).tolist()
+    assert len(read_cloud(path)) == 200
+    write_cloud(cloud, path, {"added": np.ones(200, bool), "confidence": fields["confidence"]})
+    with pytest.raises(CloudError, match="added all of its points; name the scan"):
+        read_observed(path)
+    # Another's field of that name says nothing of completions.
+    write_cloud(cloud, path, {"added": fields["added"]})
+    assert len(read_observed(path)[0]) == 200
+
+
+def test_single_precision_far_from_the_origin_is_told(tmp_path):
+    near = np.random.default_rng(0).uniform(-4, 4, (50, 3))
+    for offset, told in ((5_000_000, "steps of 0.5 m"), (400_000, "steps of 0.031 m")):
+        rows = (near + np.array([offset, 0, 0])).astype(np.float32)
+        np.savez(tmp_path / "a.npz", points=rows)
+        with pytest.warns(CloudWarning, match=told):
+            read_cloud(tmp_path / "a.npz")
+        np.savez(tmp_path / "a.npz", points=near + np.array([offset, 0, 0]))
+        read_cloud(tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz", points=near.astype(np.float32))
+    read_cloud(tmp_path / "a.npz")

@@ -177,7 +177,7 @@ def test_all_invalid_is_refused(tmp_path):
         ("folder.ply", "is a folder"),
         ("room.docx", r"\.docx is not a format; use one of \.ply"),
         ("room", "without an extension"),
-        ("room.obj", "holds a mesh"),
+        ("room.obj", "is for meshes"),
         ("empty.ply", r"is empty \(0 bytes\)"),
     ],
 )
@@ -207,7 +207,7 @@ def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "room.ply"
     write_cloud(made_cloud(10), path)
 
-    def break_down(cloud, path, fields, exact):
+    def break_down(cloud, path, fields, exact, like):
         path.write_bytes(b"half")
         raise OSError(28, "No space left on device")
 

@@ -46,12 +46,12 @@ def test_separate_colors_padding_and_counts(tmp_path):
     kinds = [("pad", "V4"), ("z", "<f8"), ("h", "<f4", 5), ("y", "<f8"), ("x", "<f8"), ("c", "u1", 3), ("more", "V2")]
     rows = np.zeros(3, dtype=kinds)
     for name in "xyz":
-        rows[name] = np.arange(3) + ord(name) + 1e6
+        rows[name] = np.arange(3) + ord(name) + 1e4
     rows["c"] = BYTES
     head = header("_ z h y x r g b _", "1 8 4 8 8 1 1 1 1", "U F F F F U U U U", 3, "binary", "4 1 5 1 1 1 1 1 2")
     (tmp_path / "a.pcd").write_bytes(head + rows.tobytes())
     cloud = read_cloud(tmp_path / "a.pcd")
-    np.testing.assert_array_equal(cloud.points[0] - 1e6, [ord(c) for c in "xyz"])
+    np.testing.assert_array_equal(cloud.points[0] - 1e4, [ord(c) for c in "xyz"])
     np.testing.assert_array_equal(cloud.colors, BYTES / np.float32(255))
 
 

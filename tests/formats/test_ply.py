@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from pcdbench.errors import CloudError
-from pcdbench.formats import read_cloud
+from pcdbench.formats import read_cloud, read_cloud_and_fields
 
-POINTS = np.array([[1.5, -2.25, 3.0], [1e6, 2.5, -1.0], [0.125, 0.0, 9.0]])
+POINTS = np.array([[1.5, -2.25, 3.0], [1e4, 2.5, -1.0], [0.125, 0.0, 9.0]])
 BYTES = np.array([[255, 0, 51], [1, 2, 3], [128, 64, 32]])
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 
@@ -99,6 +99,21 @@ def test_colors_of_no_known_range_are_refused(tmp_path, values):
     path = written(tmp_path / "odd.ply", "binary_little_endian", [("vertex", properties, rows)])
     with pytest.raises(CloudError, match=r"odd\.ply: its colours run from .* export them as 8-bit"):
         read_cloud(path)
+
+
+def test_lists_before_the_coordinates_of_ascii_rows(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty list uchar int seen\nproperty float x\nproperty float y\n"
+        "property list uchar float w\nproperty float z\nproperty uchar label\nend_header\n"
+        "3 10 11 12 1 2 0 3 7\n0 4 5 1 0.5 6 8\n"
+    )
+    cloud, fields = read_cloud_and_fields(tmp_path / "a.ply")
+    np.testing.assert_array_equal(cloud.points, [[1, 2, 3], [4, 5, 6]])
+    assert {name: values.tolist() for name, values in fields.items()} == {"label": [7, 8]}
+    text = (tmp_path / "a.ply").read_text()
+    (tmp_path / "a.ply").write_text(text.replace("\n3 10", "\n-1 10"))
+    with pytest.raises(CloudError, match="a list of vertex does not say how long it is"):
+        read_cloud(tmp_path / "a.ply")
 
 
 def test_windows_line_ends(tmp_path):

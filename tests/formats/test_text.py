@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pcdbench.errors import CloudError
-from pcdbench.formats import read_cloud
+from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields
 
 EXPECTED = np.array([[1.5, 2.0, 3.25], [4.0, -5.5, 6.0]])
 
@@ -62,9 +62,10 @@ def test_map_coordinates_keep_their_digits(tmp_path):
     ("content", "message"),
     [
         (b"1 2\n3 4\n", "has 2 columns where x y z are needed"),
-        (b"1 2 3\n4 5\n", "a.xyz cannot be read as XYZ"),
-        (b"1 2 3\n4 5 six\n", "a.xyz cannot be read as XYZ"),
-        (b"1,5;2,5;3,5\n", "a.xyz has no rows of numbers"),
+        (b"1 2 3\n4 5\n", r"a\.xyz: line 2 \('4 5'\) has no 3 numbers as the first row has"),
+        (b"# x\n\n1 2 3\n\n4 5 six\n", r"a\.xyz: line 5 \('4 5 six'\) has no 3 numbers"),
+        (b"1,5;2,5;3,5\n", "a.xyz has decimal commas; save it with decimal points"),
+        ("1 2 3\n".encode("utf-16"), "a.xyz is text in UTF-16; save it as UTF-8"),
         (b"Dear Sir,\nplease find enclosed\nthe scan\n", "a.xyz has no rows of numbers"),
         (b"# nothing but a comment\n", "a.xyz has no rows of numbers"),
         (bytes(range(256)) * 40, "is not text"),
@@ -77,3 +78,32 @@ def test_broken_files_are_named(tmp_path, content, message):
     with pytest.raises(CloudError, match=message) as caught:
         read_cloud(tmp_path / "a.xyz")
     assert "a.xyz" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_seven_columns_without_names(tmp_path):
+    path = tmp_path / "a.xyz"
+    rgb = np.array([[255, 0, 51], [0, 51, 255]]) / 255
+    for rows, intensity in (
+        ("0 0 0 -812 255 0 51\n1 2 3 44 0 51 255\n", [-812, 44]),
+        ("0 0 0 0.5 255 0 51\n1 2 3 1 0 51 255\n", [0.5, 1]),
+        ("2\n0 0 0 7 255 0 51\n1 2 3 44 0 51 255\n", [7, 44]),
+    ):
+        path.write_text(rows)
+        cloud, fields = read_cloud_and_fields(path)
+        np.testing.assert_allclose(cloud.colors, rgb, atol=1e-7)
+        assert list(fields) == ["intensity"] and fields["intensity"].tolist() == intensity
+    path.write_text("0 0 0 255 0 51 7\n1 2 3 0 51 255 8\n")
+    with pytest.warns(CloudWarning, match="4th to 6th are taken for red, green and blue"):
+        cloud, fields = read_cloud_and_fields(path)
+    np.testing.assert_allclose(cloud.colors, rgb, atol=1e-7)
+    assert fields["column_7"].tolist() == [7, 8]
+
+
+def test_columns_without_names_are_fields_by_their_place(tmp_path):
+    path = tmp_path / "a.xyz"
+    path.write_text("0 0 0 9\n1 2 3 8\n")
+    assert {name: values.tolist() for name, values in read_cloud_and_fields(path)[1].items()} == {"column_4": [9, 8]}
+    path.write_text("0 0 0 0 0 -1 9\n1 2 3 0 -1 0 8\n")
+    cloud, fields = read_cloud_and_fields(path)
+    assert cloud.colors is None and list(fields) == ["nx", "ny", "nz", "column_7"]
+    np.testing.assert_array_equal(fields["nz"], [-1, 0])

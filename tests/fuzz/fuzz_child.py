@@ -28,20 +28,15 @@ LONGEST_S = 20.0
 
 
 def _cloud(path: Path) -> None:
-    from pcdbench.formats import carries_fields, read_cloud, read_fields
+    from pcdbench.formats import read_cloud, read_cloud_and_fields
 
-    problem = None
-    try:
-        cloud = read_cloud(path)
-        assert len(cloud) and np.isfinite(cloud.points).all()
-        assert cloud.colors is None or (cloud.colors.min() >= 0 and cloud.colors.max() <= 1)
-    except PcdbenchError as error:
-        problem = error
-    if carries_fields(path):
-        for name, values in read_fields(path).items():
-            assert isinstance(name, str) and values.ndim == 1
-    if problem is not None:
-        raise problem
+    cloud = read_cloud(path)
+    assert len(cloud) and np.isfinite(cloud.points).all()
+    assert cloud.colors is None or (cloud.colors.min() >= 0 and cloud.colors.max() <= 1)
+    again, fields = read_cloud_and_fields(path)
+    assert len(again) == len(cloud)
+    for name, values in fields.items():
+        assert isinstance(name, str) and len(values) == len(cloud)
 
 
 def _boxes(path: Path) -> None:
