@@ -16,6 +16,7 @@ from PIL import Image
 from pcdbench.case import make_case
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
+from pcdbench.geometry.neighbors import nearest
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.leaderboard.picture import write_picture
 from pcdbench.plugins import registry
@@ -37,7 +38,9 @@ def draw(name: str, scene: Scene, level: float, completers: Sequence[str]) -> No
         made = registry().get("completer", completer).load()()
         clouds.append((completer, made.complete(case.cloud, np.random.default_rng(0))))
     path = Path(__file__).parent / "images" / f"{name}.png"
-    write_picture(path, clouds, f"{scene.name}: {level:.0%} missing", scene.complete)
+    away, _ = nearest(scene.complete.points, case.cloud.points)
+    missing = {"incomplete": scene.complete.select(away > 0)}
+    write_picture(path, clouds, f"{scene.name}: {level:.0%} missing", scene.complete, missing)
     with Image.open(path) as picture:
         width = min(WIDTH, picture.width)
         small = picture.convert("RGB").resize((width, round(width * picture.height / picture.width)))

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,8 @@ from numpy.typing import NDArray
 from pcdbench.cloud import PointCloud
 
 _BACKGROUND = (1.0, 1.0, 1.0)
+_MISSING = (1.0, 0.72, 0.42)
+_MOST_A_ROW = 5
 _PANEL_PIXELS = 560
 _PANEL_INCHES = 3.4
 _CEILING_SHARE = 0.85
@@ -21,26 +25,46 @@ _SMALLEST_MARGIN_M = 0.1
 _SLANT_DEG, _TURN_DEG = 52.0, 30.0
 
 
-def write_picture(path: Path, clouds: Sequence[tuple[str, PointCloud]], title: str, frame: PointCloud) -> None:
-    """Write a PNG with a column for each named cloud: above it from above, below it at a slant.
+def write_picture(
+    path: Path,
+    clouds: Sequence[tuple[str, PointCloud]],
+    title: str,
+    frame: PointCloud,
+    missing: Mapping[str, PointCloud] = MappingProxyType({}),
+) -> None:
+    """Write a PNG with two pictures of each named cloud, from above and below that at a slant; at most five a row.
 
     Args:
         frame: the cloud whose extent every panel shows (the complete one), so that panels line up.
+        missing: by the name of a cloud, what it lacks: shown in it in orange.
     """
     from matplotlib.figure import Figure
 
-    images = [[view(cloud, frame) for _, cloud in clouds] for view in (from_above, at_a_slant)]
-    heights = [row[0].shape[0] / row[0].shape[1] for row in images]
-    figure = Figure(figsize=(_PANEL_INCHES * len(clouds), _PANEL_INCHES * sum(heights) + 0.9), layout="constrained")
-    axes = figure.subplots(2, len(clouds), squeeze=False, height_ratios=heights)
-    for column, (name, cloud) in enumerate(clouds):
-        for row in range(2):
-            axes[row, column].imshow(images[row][column], interpolation="lanczos")
-            axes[row, column].set_axis_off()
-        axes[0, column].set_title(f"{name}\n{len(cloud):,} points", fontsize=11)
+    rows = math.ceil(len(clouds) / _MOST_A_ROW)
+    columns = math.ceil(len(clouds) / rows)
+    shown = [_with_missing(cloud, missing.get(name)) for name, cloud in clouds]
+    images = [[view(cloud, frame) for cloud in shown] for view in (from_above, at_a_slant)]
+    heights = [views[0].shape[0] / views[0].shape[1] for views in images]
+    size = _PANEL_INCHES * columns, rows * (_PANEL_INCHES * sum(heights) + 0.6) + 0.3
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=heights * rows)
+    for panel in axes.flat:
+        panel.set_axis_off()
+    for place, (name, cloud) in enumerate(clouds):
+        row, column = divmod(place, columns)
+        for below, views in enumerate(images):
+            axes[2 * row + below, column].imshow(views[place], interpolation="lanczos")
+        lacks = f", {len(missing[name]):,} missing (orange)" if name in missing else ""
+        axes[2 * row, column].set_title(f"{name}\n{len(cloud):,} points{lacks}", fontsize=11)
     figure.suptitle(title, fontsize=12)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110, facecolor="white")
+
+
+def _with_missing(cloud: PointCloud, missing: PointCloud | None) -> PointCloud:
+    if missing is None or cloud.colors is None:
+        return cloud
+    return PointCloud.concatenate([cloud, PointCloud(missing.points, np.tile(_MISSING, (len(missing), 1)))])
 
 
 def splat(

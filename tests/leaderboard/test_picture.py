@@ -42,3 +42,26 @@ def test_the_ceiling_is_taken_off_and_clouds_without_colour_are_drawn_too(tmp_pa
     red = (image[..., 0] > 0.7) & (image[..., 1:] < 0.2).all(axis=2)
     blue = (image[..., 2] > 0.7) & (image[..., :2] < 0.2).all(axis=2)
     assert red.mean() > 0.05 and not blue.any()
+
+
+def test_what_a_cloud_lacks_is_shown_in_it_alone(tmp_path):
+    floor = np.random.default_rng(0).random((2000, 3)) * (4, 4, 0.1)
+    room = PointCloud(floor, np.tile(BLUE, (2000, 1)))
+    half = floor[:, 0] < 2
+    clouds = [("true", room), ("incomplete", room.select(half))]
+    write_picture(tmp_path / "a.png", clouds, "title", room, {"incomplete": room.select(~half)})
+    image = imread(tmp_path / "a.png")[..., :3]
+    orange = (image[..., 0] > 0.75) & (image[..., 2] < 0.6)
+    blue = (image[..., 2] > 0.7) & (image[..., :2] < 0.2).all(axis=2)
+    left, right = np.split(np.arange(image.shape[1]), [image.shape[1] // 2])
+    assert not orange[:, left].any() and orange[:, right].sum() > 0.3 * blue[:, left].sum()
+    assert 0.3 < blue[:, right].sum() / blue[:, left].sum() < 0.7
+
+
+def test_many_clouds_are_wrapped(tmp_path):
+    floor = PointCloud(np.random.default_rng(0).random((500, 3)))
+    sizes = {}
+    for count in (5, 6):
+        write_picture(tmp_path / "a.png", [(str(number), floor) for number in range(count)], "title", floor)
+        sizes[count] = imread(tmp_path / "a.png").shape
+    assert sizes[6][1] < 0.7 * sizes[5][1] and sizes[6][0] > 1.7 * sizes[5][0]
