@@ -265,6 +265,8 @@ def test_bad_frames_are_skipped_and_counted(tmp_path):
         (4, lambda depth, color, T: (depth, color, np.full((4, 4), np.nan))),
         (5, lambda depth, color, T: (depth, color, T * np.array([[1.3], [1], [1], [1]]))),
         (6, lambda depth, color, T: (frames[1][0], color, T)),
+        (11, lambda depth, color, T: (depth * 0 + 4100, color, T)),
+        (12, lambda depth, color, T: (np.where(np.arange(W) == 1, depth, 0), color, T)),
     ]
     for number, spoilt in bad:
         frames[number] = spoilt(*frames[number])
@@ -285,10 +287,38 @@ def test_bad_frames_are_skipped_and_counted(tmp_path):
         "1 of 14 frames have no readable depth image: skipped",
         "1 of 14 frames have no readable colour image: skipped",
         "1 of 14 frames have no depth image: skipped",
+        "2 of 14 frames have too little depth within 4 m: skipped",
     }
     with pytest.warns(CloudWarning) as warned:
-        assert dataset.scene(tmp_path.name).info["frames"] == "5"
+        assert dataset.scene(tmp_path.name).info["frames"] == "3"
     assert {str(its.message) for its in warned} == told
+
+
+def test_a_sequence_of_far_frames_alone_is_refused(tmp_path, camcorder):
+    seven_scenes(tmp_path, camcorder.frames())
+    dataset = opened(tmp_path, depth_max_m=0.1)
+    (found,) = dataset.check(tmp_path.name)
+    assert not found.usable
+    assert found.problem == f"{tmp_path}: none of its frames can be used (10 with too little depth within 0.1 m)"
+
+
+def test_poses_in_map_coordinates_give_the_same_room(tmp_path, camcorder):
+    scenes, frames = [], list(camcorder.frames())
+    for offset in (0, np.array([4e5, 5e6, 100])):
+        folder = tmp_path / str(offset) / "room"
+        folder.mkdir(parents=True)
+        for *_, T in frames:
+            T[:3, 3] += offset
+        seven_scenes(folder, frames)
+        scenes.append(opened(folder, partial_frames=5).scene("room_frames0-4"))
+    clouds = [
+        [PointCloud(transform(inverse(_T_zup_room(its)), cloud.points)) for cloud in (its.dense, its.partial)]
+        for its in scenes
+    ]
+    for near_cloud, far_cloud in zip(*clouds, strict=True):
+        assert abs(len(far_cloud) - len(near_cloud)) < 0.01 * len(near_cloud)
+        distances, _ = nearest(far_cloud.points, near_cloud.points)
+        assert np.median(distances) < 1e-3 and np.percentile(distances, 95) < 1e-2
 
 
 def test_without_colour_images_there_is_no_colour(tmp_path, camcorder):

@@ -22,6 +22,9 @@ from pcdbench.open3d_loader import load_open3d
 _NO_RETURN = 65535
 _BLOCK = 8
 _BLOCKS = 20_000
+# The grid's coordinates are float32: it lies about the multiple of this nearest to the first pose, so that at map
+# coordinates voxels stay where they belong to 0.01 mm.
+_ORIGIN_STEP_M = 256.0
 # A point whose 8th neighbour is farther than this many voxels floats alone.
 _LONELY_VOXELS = 4.0
 
@@ -71,7 +74,9 @@ def fused(sequence: Sequence, settings: Settings) -> Fused:
     open3d = load_open3d()
     tensor, dtype = open3d.core.Tensor, open3d.core.Dtype
     skipped: Counter[str] = Counter(sequence.unusable or {})
-    grid, poses, medians, is_colored = None, [], [], True
+    grid, is_colored, origin = None, True, np.zeros(3)
+    poses: list[Pose] = []
+    medians: list[float] = []
     has_color = any(frame.color is not None for frame in sequence.frames)
     for frame, depth, camera in _usable_frames(sequence, skipped):
         colors = None
@@ -84,11 +89,22 @@ def fused(sequence: Sequence, settings: Settings) -> Fused:
             is_colored = colors is not None
             grid = _grid(open3d, settings, is_colored)
         T_world_depth = _orthonormal(frame.T_world_depth)
+        if not poses:
+            origin = np.round(T_world_depth[:3, 3] / _ORIGIN_STEP_M) * _ORIGIN_STEP_M
+        T_local_depth = T_world_depth.copy()
+        T_local_depth[:3, 3] -= origin
         intrinsic = tensor(camera.matrix)
-        extrinsic = tensor(inverse(T_world_depth))
+        extrinsic = tensor(inverse(T_local_depth))
         image = open3d.t.geometry.Image(tensor(depth))
         reach = (float(sequence.depth_scale), settings.depth_max_m, settings.truncation_voxels)
-        blocks = grid.compute_unique_block_coordinates(image, intrinsic, extrinsic, *reach)
+        try:
+            blocks = grid.compute_unique_block_coordinates(image, intrinsic, extrinsic, *reach)
+        except RuntimeError as error:
+            # Of the pixels that Open3D looks at, each fourth of each fourth row, none is within reach.
+            if "No block is touched" not in str(error):
+                raise
+            skipped[f"too little depth within {settings.depth_max_m:g} m"] += 1
+            continue
         if colors is None:
             grid.integrate(blocks, image, intrinsic, extrinsic, *reach)
         else:
@@ -97,7 +113,7 @@ def fused(sequence: Sequence, settings: Settings) -> Fused:
         poses.append(T_world_depth)
         medians.append(float(np.median(depth[depth > 0])) / sequence.depth_scale)
     reasons = ", ".join(f"{count} with {reason}" for reason, count in skipped.items())
-    if grid is None:
+    if not poses:
         raise CloudError(f"{sequence.root}: none of its frames can be used ({reasons or 'there are none'})")
     found = _points_of(grid, settings.min_weight)
     if found is None:
@@ -110,9 +126,8 @@ def fused(sequence: Sequence, settings: Settings) -> Fused:
     normals = found.point.normals.to(dtype.Float64).numpy()
     colors = np.clip(found.point.colors.to(dtype.Float32).numpy(), 0, 1) if is_colored else None
     kept = _together(points, _LONELY_VOXELS * settings.voxel_m)
-    return Fused(
-        PointCloud(points, colors).select(kept), normals[kept], np.stack(poses), skipped, float(np.median(medians))
-    )
+    cloud = PointCloud(points + origin, colors).select(kept)
+    return Fused(cloud, normals[kept], np.stack(poses), skipped, float(np.median(medians)))
 
 
 def _usable_frames(sequence: Sequence, skipped: Counter[str]) -> Iterator[tuple[Frame, NDArray[np.uint16], Camera]]:
