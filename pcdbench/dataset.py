@@ -92,7 +92,8 @@ class Dataset(ABC):
                 scene = self.scene(name)
             except PcdbenchError as error:
                 return [Finding(name, str(error), usable=False)]
-        findings = [Finding(name, str(its.message)) for its in warned if issubclass(its.category, UserWarning)]
+        told = dict.fromkeys(str(its.message) for its in warned if issubclass(its.category, UserWarning))
+        findings = [Finding(name, problem) for problem in told]
         if scene.dense.colors is None:
             findings.append(Finding(name, "it has no colour", "what needs colour is skipped"))
         return findings

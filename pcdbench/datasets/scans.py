@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
+from pcdbench.files import keep
 from pcdbench.formats import CloudWarning
 from pcdbench.keys import digest, file_digest
 from pcdbench.paths import cache_dir
@@ -118,11 +117,7 @@ def folder_digest(root: Path, paths: Sequence[Path]) -> str:
     except OSError:
         pass
     found = digest([(path.relative_to(root).as_posix(), content_digest(path)) for path in paths])
-    memory.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=memory.parent)
-    with os.fdopen(handle, "w") as stream:
-        stream.write(found)
-    os.replace(temporary, memory)
+    keep(memory, lambda unfinished: unfinished.write_text(found))
     return found
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 import time
 import warnings
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ from zipfile import BadZipFile
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CacheWarning, CloudError
+from pcdbench.files import UNFINISHED, whole_file
 from pcdbench.keys import canonical_json
 from pcdbench.paths import cache_dir
 
@@ -84,12 +84,12 @@ class CompletionCache:
     def trim(self) -> None:
         """Drop what was not used for the longest time until the folder fits its size, and what killed runs tore."""
         self._written = 0
-        for torn in self.folder.glob("*/*.tmp"):
+        for torn in self.folder.glob(f"*/{UNFINISHED}"):
             with contextlib.suppress(OSError):
                 if time.time() - torn.stat().st_mtime > _TORN_AFTER_SECONDS:
                     torn.unlink()
         files = []
-        for path in self.folder.glob("*/*.npz"):
+        for path in self.folder.glob("*/[!.]*.npz"):
             with contextlib.suppress(OSError):
                 status = path.stat()
                 files.append((status.st_mtime, status.st_size, path))
@@ -109,14 +109,8 @@ class CompletionCache:
         if completion.cloud.colors is not None:
             arrays["colors"] = completion.cloud.colors
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".tmp", delete=False) as stream:
-            try:
-                np.savez(stream, allow_pickle=False, **arrays)
-                stream.close()
-                os.replace(stream.name, path)
-            except BaseException:
-                os.unlink(stream.name)
-                raise
+        with whole_file(path) as unfinished, unfinished.open("wb") as stream:
+            np.savez(stream, allow_pickle=False, **arrays)
         return path.stat().st_size
 
     def _path(self, key: str) -> Path:

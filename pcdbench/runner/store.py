@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +13,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.files import UNFINISHED, whole_file
 from pcdbench.keys import digest
 from pcdbench.runner.rows import SCHEMA_VERSION, Row
 from pcdbench.runner.stored_rows import StoredRows
@@ -114,7 +114,7 @@ class RunStore:
             self._facts = {**told, **self._facts}
         elif (self.folder / ROWS).exists():
             raise PcdbenchError(f"{self.folder} has {ROWS} but no {RUN}; give another --out")
-        for torn in self.folder.glob(f"{RUN}?*"):
+        for torn in self.folder.glob(UNFINISHED):
             torn.unlink()
         self._write_run()
 
@@ -158,17 +158,8 @@ def read_rows(folder: Path) -> StoredRows:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file so that it appears complete or not at all."""
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=path.name, delete=False, encoding="utf-8") as stream:
-        try:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-            os.chmod(stream.name, 0o644)
-            os.replace(stream.name, path)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                os.unlink(stream.name)
-            raise
+    with whole_file(path, sync=True) as unfinished:
+        unfinished.write_text(text, encoding="utf-8")
 
 
 def _drop_torn_line(path: Path) -> None:

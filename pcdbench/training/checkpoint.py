@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import torch
 from torch import Tensor, nn
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.files import whole_file
 
 
 def save_checkpoint(
@@ -24,15 +24,9 @@ def save_checkpoint(
     tensors |= {f"average/{name}": value for name, value in average.items()}
     for index, state in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": value for name, value in state.items()}
-    partial = path.with_suffix(".partial")
-    save_file(
-        {name: value.detach().cpu().contiguous() for name, value in tensors.items()},
-        partial,
-        metadata={"progress": json.dumps(progress)},
-    )
-    with partial.open("rb") as stream:
-        os.fsync(stream.fileno())
-    os.replace(partial, path)
+    tensors = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    with whole_file(path, sync=True) as unfinished:
+        save_file(tensors, unfinished, metadata={"progress": json.dumps(progress)})
 
 
 def load_checkpoint(
@@ -68,9 +62,8 @@ def save_weights(path: Path, average: Mapping[str, Tensor]) -> None:
     """Write the averaged network as completers ship it: in float16, and what that cannot hold in float32."""
     from safetensors.torch import save_file
 
-    partial = path.with_suffix(".partial")
-    save_file({name: _halved(value.detach().cpu().contiguous()) for name, value in average.items()}, partial)
-    os.replace(partial, path)
+    with whole_file(path) as unfinished:
+        save_file({name: _halved(value.detach().cpu().contiguous()) for name, value in average.items()}, unfinished)
 
 
 def _halved(value: Tensor) -> Tensor:

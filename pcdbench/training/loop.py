@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
 from pcdbench.threads import children_limited, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
@@ -180,6 +181,9 @@ def train(
         progress.begun_from = start.origin()
     optimizer = _optimizer(trainee, plain, preset)
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
+    if accelerator.is_main_process:
+        for torn in out.glob(UNFINISHED):
+            torn.unlink()
     checkpoint, curve = out / "checkpoint.safetensors", Curve(out)
     if resume and checkpoint.exists():
         progress = resumed(checkpoint, plain, average, optimizer)

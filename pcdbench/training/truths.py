@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError, Skipped
+from pcdbench.files import read_arrays, write_arrays
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.geometry.sampling import own_numbers
 from pcdbench.keys import seed_from
@@ -60,7 +61,6 @@ def training_truth(index: int) -> Truth:
     """
     from pcdbench.datasets.synthetic import Indoor
     from pcdbench.datasets.synthetic.indoor import CROPS
-    from pcdbench.datasets.synthetic.storage import read_arrays, write_arrays
 
     path = cache_dir() / "training" / Indoor.version / f"{index:06d}.npz"
     arrays = read_arrays(path)

@@ -17,6 +17,7 @@ from pcdbench.datasets.synthetic.indoor import _made
 from pcdbench.datasets.synthetic.layouts import LARGE_KINDS, SMALL_KINDS
 from pcdbench.datasets.synthetic.plan import bumped, contains, cut_corner, rectangle
 from pcdbench.errors import PcdbenchError
+from pcdbench.files import UNFINISHED
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.geometry.visibility import MeshRaycaster
 from pcdbench.incompletenesses.holes import Holes
@@ -205,7 +206,7 @@ def test_the_cache_gives_back_the_same_scene_and_is_remade_when_broken(scenes, c
     path.write_bytes(whole[: len(whole) // 2])
     np.testing.assert_array_equal(Indoor().scene(name).dense.points, first.dense.points)
     assert path.read_bytes() == whole
-    assert not list(cache.rglob("*.part"))
+    assert not list(cache.rglob(UNFINISHED))
 
 
 def test_a_complete_cloud_of_another_size_is_of_the_same_scene(cache):

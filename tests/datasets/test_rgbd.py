@@ -15,7 +15,7 @@ from pcdbench.datasets.rgbd.fusion import Settings, fused
 from pcdbench.datasets.rgbd.gravity import levelled, up_direction
 from pcdbench.datasets.rgbd.layouts import layout_of, read_sequence
 from pcdbench.datasets.rgbd.sequence import Camera
-from pcdbench.errors import CloudError, PcdbenchError
+from pcdbench.errors import CacheWarning, CloudError, PcdbenchError
 from pcdbench.formats import CloudWarning
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.geometry.poses import inverse, transform
@@ -415,6 +415,18 @@ def test_frames_are_fused_once(tmp_path, camcorder, monkeypatch):
     again = opened(tmp_path).scene(tmp_path.name)
     np.testing.assert_array_equal(first.dense.points, again.dense.points)
     np.testing.assert_array_equal(first.complete.colors, again.complete.colors)
+
+
+def test_without_a_cache_a_scene_is_the_same(tmp_path, camcorder, monkeypatch):
+    seven_scenes(tmp_path, camcorder.frames())
+    kept = opened(tmp_path).scene(tmp_path.name)
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "file" / "cache"))
+    with pytest.warns(CacheWarning, match="what is made is not kept"):
+        scene = opened(tmp_path).scene(tmp_path.name)
+    np.testing.assert_array_equal(scene.dense.points, kept.dense.points)
+    np.testing.assert_array_equal(scene.dense.colors, kept.dense.colors)
+    np.testing.assert_array_equal(scene.viewpoints, kept.viewpoints)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from pcdbench.datasets.s3dis import S3DIS
 from pcdbench.datasets.s3dis.text import read_rows
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import CacheWarning, PcdbenchError
 
 
 def part(low, high, count, seed=0):
@@ -222,6 +222,19 @@ def test_rooms_are_read_once(tree, monkeypatch):
     np.testing.assert_array_equal(first.dense.points, again.dense.points)
     np.testing.assert_array_equal(first.complete_index, again.complete_index)
     assert [tagged.label for tagged in again.objects] == ["chair", "table"]
+
+
+def test_without_a_cache_a_room_is_the_same(tree, tmp_path, monkeypatch):
+    kept = opened(tree).scene("area1-office_1")
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "file" / "cache"))
+    with pytest.warns(CacheWarning, match="what is made is not kept"):
+        scene = opened(tree).scene("area1-office_1")
+        told = problems(opened(tree), "area1-office_1")
+    np.testing.assert_array_equal(scene.dense.points, kept.dense.points)
+    np.testing.assert_array_equal(scene.dense.colors, kept.dense.colors)
+    np.testing.assert_array_equal(scene.complete_index, kept.complete_index)
+    assert len(told) == len(set(told)) == 2 and all("is not kept" in its for its in told)
 
 
 def test_a_changed_file_is_another_scene(tree):

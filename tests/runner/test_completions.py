@@ -94,9 +94,9 @@ def test_a_full_disk_costs_the_cache_and_is_told_once(tmp_path, monkeypatch):
 
 def test_what_killed_runs_left_half_written_goes_after_an_hour(tmp_path):
     (tmp_path / "ab").mkdir()
-    old, new = tmp_path / "ab" / "old.tmp", tmp_path / "ab" / "new.tmp"
+    old, new = (tmp_path / "ab" / f".unfinished-{age}.npz" for age in ("old", "new"))
     for path, age_seconds in ((old, 4000), (new, 10)):
         path.write_bytes(b"PK")
         os.utime(path, (time.time() - age_seconds,) * 2)
-    CompletionCache(tmp_path, limit_mb=10).trim()
+    CompletionCache(tmp_path, limit_mb=1e-6).trim()
     assert not old.exists() and new.exists()

@@ -154,6 +154,6 @@ def test_rows_that_the_system_takes_in_pieces_arrive_whole(tmp_path):
 
 
 def test_what_a_killed_run_left_half_written_is_swept_away(tmp_path):
-    (tmp_path / "run.jsonabcd").write_text('{"conf')
+    (tmp_path / ".unfinished-abcd.json").write_text('{"conf')
     with RunStore(tmp_path, CONFIGURATION, {}):
-        assert not list(tmp_path.glob("run.json?*"))
+        assert not list(tmp_path.glob(".unfinished-*"))

@@ -104,7 +104,10 @@ def test_stopped_anywhere_and_resumed_the_weights_are_the_same_bit_by_bit(tmp_pa
     for stop in (3, 4, 1):
         with pytest.raises(Stop):
             train(Seen(), tmp_path / "parts", Budget(steps=12), validate=stop_at(stop), resume=True, **options)
+    torn = tmp_path / "parts" / ".unfinished-abcd.safetensors"  # what a kill in the middle of saving leaves
+    torn.touch()
     train(Seen(), tmp_path / "parts", Budget(steps=12), validate=lambda _: 1.0, resume=True, **options)
+    assert not torn.exists()
     for name in ("weights.safetensors",):
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "parts" / name).read_bytes()
     whole, parts = (Curve(tmp_path / run).table() for run in ("whole", "parts"))

@@ -24,8 +24,8 @@ from pcdbench.datasets.rgbd.fusion import Fused, Settings, fused
 from pcdbench.datasets.rgbd.gravity import T_zup, up_direction
 from pcdbench.datasets.rgbd.layouts import LAYOUTS, layout_of, read_sequence
 from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_of_scan
-from pcdbench.datasets.synthetic.storage import read_arrays, write_arrays
-from pcdbench.errors import CloudError, PcdbenchError
+from pcdbench.errors import PcdbenchError
+from pcdbench.files import read_arrays, write_arrays
 from pcdbench.formats import CloudWarning
 from pcdbench.geometry.poses import Pose, transform
 from pcdbench.keys import digest, seed_from
@@ -160,11 +160,9 @@ class Rgbd(Dataset):
             sequence = self._sequence(folder_name)
             if frames is not None:
                 sequence = replace(sequence, frames=sequence.frames[slice(*frames)], unusable=None)
-            write_arrays(path, _arrays_of(fused(sequence, settings)))
-            arrays = read_arrays(path)
-            if arrays is None:
-                raise CloudError(f"{path} cannot be read back; is the disk full?")
-        # Always from what was stored, so that the first time gives what every later time gives.
+            arrays = _arrays_of(fused(sequence, settings))
+            write_arrays(path, arrays)
+        # Always in the precision of what is stored, so that the first time gives what every later time gives.
         return _fused_of(arrays)
 
     def _T_zup_world(self, sequence: posed.Sequence, whole: Fused) -> Pose:

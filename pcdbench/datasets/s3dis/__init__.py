@@ -16,8 +16,8 @@ from pcdbench.cloud import PointCloud
 from pcdbench.dataset import Dataset, Finding
 from pcdbench.datasets.s3dis.room import STRUCTURE, Room, read_room, room_files
 from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_of_scan
-from pcdbench.datasets.synthetic.storage import read_arrays, write_arrays
-from pcdbench.errors import CloudError, PcdbenchError
+from pcdbench.errors import PcdbenchError
+from pcdbench.files import read_arrays, write_arrays
 from pcdbench.keys import digest, seed_from
 from pcdbench.paths import cache_dir
 from pcdbench.plugins import did_you_mean
@@ -99,12 +99,9 @@ class S3DIS(Dataset):
         path = cache_dir() / "s3dis" / f"{digest([_READER, self.digest(name)])}.npz"
         arrays = read_arrays(path)
         if arrays is None:
-            room = read_room(folder)
-            write_arrays(path, _arrays_of(room))
-            arrays = read_arrays(path)
-            if arrays is None:
-                raise CloudError(f"{path} cannot be read back; is the disk full?")
-        # Always from what was stored, so that the first time gives what every later time gives.
+            arrays = _arrays_of(read_room(folder))
+            write_arrays(path, arrays)
+        # Always in the precision of what is stored, so that the first time gives what every later time gives.
         return _room_of(arrays)
 
     def _folder(self, name: str) -> Path:

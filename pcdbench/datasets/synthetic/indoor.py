@@ -17,12 +17,11 @@ from pcdbench.datasets.synthetic.generator import SEEDS, VERSION, environment
 from pcdbench.datasets.synthetic.storage import (
     arrays_of_scene,
     arrays_of_surface,
-    read_arrays,
     scene_of_arrays,
     surface_of_arrays,
-    write_arrays,
 )
 from pcdbench.errors import PcdbenchError
+from pcdbench.files import read_arrays, write_arrays
 from pcdbench.geometry.sampling import own_numbers, poisson_disk_indices
 from pcdbench.keys import digest, seed_from
 from pcdbench.paths import cache_dir

@@ -1,51 +1,15 @@
-"""Generated scenes on disk: made once, written whole or not at all, remade where a file is broken."""
+"""Generated scenes as arrays for the cache, and back."""
 
 from __future__ import annotations
 
-import os
-import tempfile
-import warnings
-import zipfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
-from pcdbench.errors import CacheWarning
 from pcdbench.scene import Box, Scene, Surface, TaggedObject
-
-
-def read_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
-    """What an NPZ file holds, or None where it is missing or cannot be read whole."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
-        return None
-
-
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write an NPZ file so that other processes see all of it or nothing; `CacheWarning` where that fails."""
-    try:
-        _write_whole(path, arrays)
-    except OSError as error:
-        message = f"generated data is not kept: {path.parent} cannot be written ({error.strerror})"
-        warnings.warn(message, CacheWarning, stacklevel=2)
-
-
-def _write_whole(path: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.stem, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez(stream, allow_pickle=False, **arrays)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
 
 
 def arrays_of_scene(scene: Scene) -> dict[str, NDArray[Any]]:
