@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +12,7 @@ from pydantic import Field
 from pcdbench import options
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.boxes import boxes_file, read_boxes
-from pcdbench.datasets.scans import FEWEST_POINTS, content_digest, scene_of_scan, without_duplicates
+from pcdbench.datasets.scans import FEWEST_POINTS, content_digest, scene_names, scene_of_scan, without_duplicates
 from pcdbench.errors import PcdbenchError
 from pcdbench.formats import EXTENSIONS, read_observed
 from pcdbench.formats.text import holds_points
@@ -113,13 +111,17 @@ class Clouds(Dataset):
         if not root.exists():
             raise PcdbenchError(f"clouds:{root}: there is no such file or folder; check the path")
         if not root.is_dir():
-            return {_safe(root.stem): root}
+            return {scene_names([root.stem])[0]: root}
         paths = _cloud_paths(root)
         if not paths:
             raise PcdbenchError(f"{root} holds no cloud; put files of these formats there: {' '.join(EXTENSIONS)}")
         if self.options.complete:
             paths = self._partial_scans(paths, root)
-        return dict(zip(_scene_names([path.relative_to(root) for path in paths]), paths, strict=True))
+        inside = [path.relative_to(root) for path in paths]
+        names = scene_names(
+            ["-".join(path.with_suffix("").parts) for path in inside], ["-".join(path.parts) for path in inside]
+        )
+        return dict(zip(names, paths, strict=True))
 
     def _partial_scans(self, paths: Sequence[Path], root: Path) -> list[Path]:
         """Those of the clouds that are incomplete scans beside a complete one."""
@@ -155,28 +157,3 @@ def _is_cloud(path: Path) -> bool:
     """Whether a folder's file is taken for a cloud: by its extension, and .txt and .csv by their first rows too."""
     extension = path.suffix.lower()
     return extension in EXTENSIONS and (extension not in _NOTES_EXTENSIONS or holds_points(path))
-
-
-def _scene_names(paths: Sequence[Path]) -> list[str]:
-    """A name for each relative path: its parts without extension; with it, and a number, only where names clash."""
-    names = [_safe("-".join(path.with_suffix("").parts)) for path in paths]
-    clashing = Counter(name.lower() for name in names)
-    names = [
-        name if clashing[name.lower()] == 1 else _safe("-".join(path.parts))
-        for name, path in zip(names, paths, strict=True)
-    ]
-    taken: set[str] = set()
-    unique = []
-    for name in names:
-        number, candidate = 1, name
-        while candidate.lower() in taken:
-            number += 1
-            candidate = f"{name}-{number}"
-        taken.add(candidate.lower())
-        unique.append(candidate)
-    return unique
-
-
-def _safe(text: str) -> str:
-    """Letters, digits, `.`, `_` and `-`, all else made `_`; never hidden and never empty."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", text).lstrip(".") or "cloud"

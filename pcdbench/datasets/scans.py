@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import unicodedata
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -70,6 +73,35 @@ def scene_of_scan(
     )
 
 
+def scene_names(texts: Sequence[str], longer: Sequence[str] | None = None, *, unnamed: str = "cloud") -> list[str]:
+    """A name for each scene of a data set, no two alike on any system.
+
+    Letters of any script, digits, `.`, `_` and `-` stay, all else becomes `_`; no name is hidden or empty. Those that
+    would clash, in capitals alone too, are made of the `longer` texts, and get a number where that is not enough.
+
+    Args:
+        texts: what the scenes are called: parts of their paths, say.
+        longer: as many, that tell more.
+        unnamed: for a scene of whose text nothing stays.
+    """
+    names = [_safe(text) or unnamed for text in texts]
+    clashing = Counter(name.lower() for name in names)
+    names = [
+        name if clashing[name.lower()] == 1 else _safe(text) or unnamed
+        for name, text in zip(names, texts if longer is None else longer, strict=True)
+    ]
+    taken: set[str] = set()
+    unique = []
+    for name in names:
+        number, candidate = 1, name
+        while candidate.lower() in taken:
+            number += 1
+            candidate = f"{name}-{number}"
+        taken.add(candidate.lower())
+        unique.append(candidate)
+    return unique
+
+
 def without_duplicates(cloud: PointCloud) -> PointCloud:
     """The cloud without the points that repeat an earlier one's coordinates."""
     # Equal points have equal hashes: only the few that share one are compared, which is fast for millions.
@@ -124,6 +156,11 @@ def folder_digest(root: Path, paths: Sequence[Path]) -> str:
 @lru_cache(maxsize=16384)
 def _digest_of_version(path: Path, size: int, modified_ns: int) -> str:
     return file_digest(path)
+
+
+def _safe(text: str) -> str:
+    # File systems differ in how they spell an accented letter: as one character, or as two.
+    return re.sub(r"[^\w.-]+", "_", unicodedata.normalize("NFC", text)).lstrip(".")
 
 
 def _require_surface(cloud: PointCloud, path: Path) -> None:

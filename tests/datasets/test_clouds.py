@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from pcdbench.cloud import PointCloud
 from pcdbench.datasets import scans
-from pcdbench.datasets.clouds import Clouds, _scene_names
+from pcdbench.datasets.clouds import Clouds
 from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.formats import CloudWarning, write_cloud
 
@@ -101,9 +101,15 @@ def test_clashing_names_are_told_apart(tmp_path):
 
 @given(st.lists(st.text("aA .-_/éß(", min_size=1, max_size=6), min_size=1, max_size=12))
 def test_names_are_safe_and_unique(texts):
-    names = _scene_names([Path(text.strip("/") or "x").with_suffix(".ply") for text in texts if text.strip("/. ")])
-    assert len({name.lower() for name in names}) == len(names)
-    assert all(name and set(name) <= set("aA.-_plyxcoud0123456789") and name[0] != "." for name in names)
+    for longer in (None, [f"{text}.ply" for text in texts]):
+        names = scans.scene_names(texts, longer)
+        assert len({name.lower() for name in names}) == len(names) == len(texts)
+        assert all(name and set(name) <= set("aA.-_plycoud0123456789éß") and name[0] != "." for name in names)
+
+
+def test_letters_stay_however_a_system_spells_them():
+    texts = ["küche", "ku\u0308che 2", "房间(1)", "..", "/"]
+    assert scans.scene_names(texts) == ["küche", "küche_2", "房间_1_", "cloud", "_"]
 
 
 def test_map_coordinates_stay(tmp_path):

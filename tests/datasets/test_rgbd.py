@@ -429,6 +429,18 @@ def test_without_a_cache_a_scene_is_the_same(tmp_path, camcorder, monkeypatch):
     np.testing.assert_array_equal(scene.viewpoints, kept.viewpoints)
 
 
+def test_sequences_whose_names_clash_are_told_apart(tmp_path):
+    for name in ("room 1", "room_1", "floor/room", "floor-room", "küche"):
+        folder = tmp_path / name
+        folder.mkdir(parents=True)
+        np.savetxt(folder / "frame-000000.pose.txt", np.eye(4))
+        (folder / "frame-000000.depth.png").write_bytes(name.encode())
+    dataset = opened(tmp_path)
+    names = dataset.scene_names("all")
+    assert sorted(names) == ["floor-room", "floor-room-2", "küche", "room_1", "room_1-2"]
+    assert len({dataset._sequence(name).root for name in names}) == 5
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [

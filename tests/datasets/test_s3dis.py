@@ -237,6 +237,16 @@ def test_without_a_cache_a_room_is_the_same(tree, tmp_path, monkeypatch):
     assert len(told) == len(set(told)) == 2 and all("is not kept" in its for its in told)
 
 
+def test_rooms_whose_names_clash_are_told_apart(tree):
+    for room, rows in (("office 1", 120), ("OFFICE_1", 300)):
+        write_room(tree / "Area_1", room, {"chair_1": OFFICE["chair_1"], "wall_1": part([0] * 3, [4] * 3, rows)})
+    write_room(tree / "area_1", "lounge_1", OFFICE)
+    dataset = opened(tree)
+    names = dataset.scene_names("area1")
+    assert len({name.lower() for name in names}) == 5 and "area1-lounge_1" in names
+    assert sorted(len(dataset.scene(name).dense) for name in names) == [240, 420, 840, 840, 840]
+
+
 def test_a_changed_file_is_another_scene(tree):
     before = opened(tree).digest("area1-office_1")
     assert opened(tree).digest("area1-office_1") == before != opened(tree).digest("area1-hallway_2")

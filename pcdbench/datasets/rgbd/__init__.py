@@ -23,7 +23,7 @@ from pcdbench.datasets.rgbd import sequence as posed
 from pcdbench.datasets.rgbd.fusion import Fused, Settings, fused
 from pcdbench.datasets.rgbd.gravity import T_zup, up_direction
 from pcdbench.datasets.rgbd.layouts import LAYOUTS, layout_of, read_sequence
-from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_of_scan
+from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_names, scene_of_scan
 from pcdbench.errors import PcdbenchError
 from pcdbench.files import read_arrays, write_arrays
 from pcdbench.formats import CloudWarning
@@ -200,16 +200,17 @@ class Rgbd(Dataset):
         if not root.is_dir():
             raise PcdbenchError(f"rgbd:{root}: there is no such folder; check the path")
         if layout_of(root):
-            return {_safe(root.resolve().name): root}
-        found = {}
+            return {scene_names([root.resolve().name], unnamed="sequence")[0]: root}
+        found = []
         for folder, subfolders, _ in os.walk(root):
             subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
             if layout_of(Path(folder)):
-                found[_safe("-".join(Path(folder).relative_to(root).parts))] = Path(folder)
+                found.append(Path(folder))
                 subfolders.clear()
         if not found:
             raise PcdbenchError(f"{root} holds no sequence in the layout of {', '.join(LAYOUTS)}; see docs/data.md")
-        return found
+        texts = ["-".join(folder.relative_to(root).parts) for folder in found]
+        return dict(zip(scene_names(texts, unnamed="sequence"), found, strict=True))
 
 
 def _warn_of_skipped(sequence: posed.Sequence, whole: Fused) -> None:
@@ -232,10 +233,6 @@ def _warn_of_skipped(sequence: posed.Sequence, whole: Fused) -> None:
             CloudWarning,
             stacklevel=3,
         )
-
-
-def _safe(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name).lstrip(".") or "sequence"
 
 
 def _arrays_of(result: Fused) -> dict[str, NDArray]:

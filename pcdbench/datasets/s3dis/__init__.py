@@ -15,7 +15,7 @@ from pcdbench import options
 from pcdbench.cloud import PointCloud
 from pcdbench.dataset import Dataset, Finding
 from pcdbench.datasets.s3dis.room import STRUCTURE, Room, read_room, room_files
-from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_of_scan
+from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_names, scene_of_scan
 from pcdbench.errors import PcdbenchError
 from pcdbench.files import read_arrays, write_arrays
 from pcdbench.keys import digest, seed_from
@@ -123,18 +123,24 @@ class S3DIS(Dataset):
             raise PcdbenchError(
                 f"{root} holds no Area_N folder; give the unpacked Stanford3dDataset_v1.2 (text files, not a .zip)"
             )
-        return {
-            area: {f"{area}-{_safe(room.name)}": room for room in sorted(_subfolders(folder))}
-            for area, folder in found.items()
-        }
+        areas = {}
+        for area, folders in found.items():
+            rooms = [room for folder in folders for room in sorted(_subfolders(folder))]
+            areas[area] = dict(zip(scene_names([f"{area}-{room.name}" for room in rooms]), rooms, strict=True))
+        return areas
 
 
-def _area_folders(root: Path) -> dict[str, Path]:
-    """Split name and folder of each area: `root` itself, those in it, or those in the first subfolder that has some."""
+def _area_folders(root: Path) -> dict[str, list[Path]]:
+    """Split name and folders of each area: `root` itself, those in it, or those in the first subfolder that has some.
+
+    Two folders of one area differ in capitals alone.
+    """
     inside = sorted(_subfolders(root))
     for candidates in ([root], inside, *(sorted(_subfolders(folder)) for folder in inside)):
-        matches = [(_AREA.fullmatch(folder.name), folder) for folder in candidates]
-        found = {f"area{match[1].lower()}": folder for match, folder in matches if match}
+        found: dict[str, list[Path]] = {}
+        for folder in candidates:
+            if match := _AREA.fullmatch(folder.name):
+                found.setdefault(f"area{match[1].lower()}", []).append(folder)
         if found:
             return found
     return {}
@@ -142,10 +148,6 @@ def _area_folders(root: Path) -> dict[str, Path]:
 
 def _subfolders(folder: Path) -> list[Path]:
     return [path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")]
-
-
-def _safe(name: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", name)
 
 
 def _arrays_of(room: Room) -> dict[str, np.ndarray]:
