@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from pcdbench.leaderboard.board import Board, BoardMetric, Standing
+    from pcdbench.leaderboard.statistics import Estimate
 
 # Okabe and Ito (2008), for all kinds of colour vision; dashes tell the second and third round of them apart.
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -140,11 +141,9 @@ def _by_level(main: _Main, styles: Mapping[str, Style]) -> Figure:
             style = styles[completer]
             levels = [100 * (line.level or line.missing) for line in lines]
             estimates = [getattr(line, metric.summary) for line in lines]
-            values = np.array([one.value for one in estimates])
-            low, high = (np.nan_to_num([getattr(one, end) for one in estimates], nan=0.0) for end in ("low", "high"))
-            errors = [np.where(low, values - low, 0), np.where(high, high - values, 0)]
+            values = [one.value for one in estimates]
             panel.errorbar(
-                levels, values, np.maximum(errors, 0), label=completer, color=style.color, ls=style.linestyle,
+                levels, values, _margins(estimates), label=completer, color=style.color, ls=style.linestyle,
                 lw=style.width, marker="o", ms=3, capsize=2, elinewidth=0.7,
             )  # fmt: skip
         panel.set(
@@ -204,9 +203,8 @@ def _against_time(board: Board, main: _Main, styles: Mapping[str, Style]) -> Fig
                 )
             elif its.seconds > 0:
                 face = style.color if style.linestyle == "-" else "white"
-                margin = np.nan_to_num([[estimate.value - estimate.low], [estimate.high - estimate.value]])
                 panel.errorbar(
-                    [its.seconds], [estimate.value], np.maximum(margin, 0), label=its.completer, color=style.color,
+                    [its.seconds], [estimate.value], _margins([estimate]), label=its.completer, color=style.color,
                     marker="o", ms=5, capsize=2, ls="none", elinewidth=0.8, mfc=face,
                 )  # fmt: skip
         panel.set_xscale("log")
@@ -220,6 +218,12 @@ def _against_time(board: Board, main: _Main, styles: Mapping[str, Style]) -> Fig
         title = f"{task} · {incompleteness}, {level_text(level, missing)} missing\n({metric.direction} is better)"
         panel.set(title=title, xlabel="seconds of completing a case (median)", ylabel=_axis_label(metric))
     return _with_legend(figure, axes, styles)
+
+
+def _margins(estimates: Sequence[Estimate]) -> NDArray[np.float64]:
+    """(2, n) how far intervals reach below and above their values; 0 where there is none."""
+    margins = [[its.value - its.low for its in estimates], [its.high - its.value for its in estimates]]
+    return np.maximum(np.nan_to_num(margins), 0)
 
 
 def _names(main: _Main) -> tuple[list[str], list[str]]:

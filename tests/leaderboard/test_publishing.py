@@ -5,16 +5,20 @@ import json
 import math
 import re
 import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from boards_for_tests import made_board
 from runs_for_tests import full_row, store_run
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.board_figures import _figures
 from pcdbench.leaderboard.board_file import SCHEMA_VERSION, board_json, read_board, write_board
 from pcdbench.leaderboard.building import board_of_runs
 from pcdbench.leaderboard.publishing import publish
+from pcdbench.leaderboard.statistics import Estimate
 
 OLD = Path(__file__).parent / "old_boards"
 HOSTILE = "a|b<script>*x*`\n#1"
@@ -175,6 +179,31 @@ def test_figures_are_svg_with_every_completer(published):
         text = "".join(ElementTree.parse(path).getroot().itertext())
         assert "good" in text and "incomplete" in text and "holes" in text and "walk" in text
         assert path.stat().st_size < 300_000
+
+
+def test_figures_draw_the_boards_intervals_also_those_that_end_at_zero():
+    estimates = {
+        "a": Estimate(0.05, 0.0, 0.12),
+        "b": Estimate(-0.05, -0.12, 0.0),
+        "incomplete": Estimate(1.0, math.nan, math.nan),
+    }
+    board = made_board(["a", "b"], incompletenesses=["holes"], levels=[0.3], tasks=["chamfer"])
+    shown = [its for its in board.standings if its.metric == "chd" and its.completer in estimates]
+    board = replace(board, standings=tuple(replace(its, median=estimates[its.completer]) for its in shown))
+    drawn = {name: _interval_ends(figure) for name, _, figure in _figures(board)}
+    ends = {"a": pytest.approx((0.0, 0.12)), "b": pytest.approx((-0.12, 0.0))}
+    assert drawn["by_level"] == ends | {"incomplete": (1.0, 1.0)}
+    assert drawn["time"] == ends, "where references are lines without an interval"
+
+
+def _interval_ends(figure):
+    """By completer, the lower and upper end of the only error bar that it has in the first panel."""
+    found = {}
+    for its in figure.axes[0].containers:
+        (bars,) = its.lines[2]
+        (segment,) = bars.get_segments()
+        found[its.get_label()] = tuple(segment[:, 1])
+    return found
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(board, tmp_path):
