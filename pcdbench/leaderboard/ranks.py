@@ -26,6 +26,8 @@ from pcdbench.leaderboard.statistics import CONFIDENCE, Estimate, resampled
 
 # With fewer scenes even a sign test of differences that all agree does not reach 95 % (2 * 0.5^5 > 0.05).
 FEWEST_SCENES = 6
+# A thousand times what adding up thousands of samples rounds, as a share of the sum.
+_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,10 @@ def _simultaneous_half_widths(
 ) -> NDArray[np.float64]:
     """(P,) half the width of each pair's interval, such that all P hold at once; drawn (C, R), values (C,)."""
     first, second = np.array(pairs).T
-    spread = np.maximum((drawn[first] - drawn[second]).std(axis=1), np.finfo(float).tiny)
+    size = np.abs(drawn).max(axis=1)
+    # Differences that are the same in every resample differ by rounding alone, which must not count as a movement.
+    least = np.maximum(_ROUNDING * np.maximum(size[first], size[second]), np.finfo(float).tiny)
+    spread = np.maximum((drawn[first] - drawn[second]).std(axis=1), least)
     moved = np.abs((drawn[first] - drawn[second]) - (values[first] - values[second])[:, None])
     critical = np.quantile((moved / spread[:, None]).max(axis=0), CONFIDENCE)
     # A bootstrap's spread is that of n scenes about their own mean, and its tails are those of many scenes.
