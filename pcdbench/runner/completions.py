@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import time
 import warnings
@@ -13,7 +14,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 from pcdbench.cloud import PointCloud
-from pcdbench.errors import CacheWarning, CloudError
+from pcdbench.errors import CacheWarning, CloudError, PcdbenchError
 from pcdbench.files import UNFINISHED, whole_file
 from pcdbench.keys import canonical_json
 from pcdbench.paths import cache_dir
@@ -43,12 +44,15 @@ class CompletionCache:
 
     Args:
         folder: `completions` in the cache folder unless given.
-        limit_mb: its size; `PCDBENCH_COMPLETIONS_MB` unless given; 0 keeps nothing and finds nothing.
+        limit_mb: its size; `PCDBENCH_COMPLETIONS_MB` unless given; 0 keeps nothing and finds nothing, `inf` all.
+
+    Raises:
+        PcdbenchError: where the variable holds no size.
     """
 
     def __init__(self, folder: Path | None = None, limit_mb: float | None = None) -> None:
         self.folder = cache_dir() / "completions" if folder is None else folder
-        self.limit_bytes = int((_limit_mb() if limit_mb is None else limit_mb) * 1e6)
+        self.limit_bytes = (_limit_mb() if limit_mb is None else limit_mb) * 1e6
         self._written = 0
 
     def get(self, key: str) -> Completion | None:
@@ -78,7 +82,7 @@ class CompletionCache:
         except OSError as error:
             message = f"completed clouds are not kept: {self.folder} cannot be written ({error.strerror})"
             warnings.warn(message, CacheWarning, stacklevel=2)
-        if self._written > self.limit_bytes // 20:
+        if self._written > self.limit_bytes / 20:
             self.trim()
 
     def trim(self) -> None:
@@ -118,7 +122,11 @@ class CompletionCache:
 
 
 def _limit_mb() -> float:
+    text = os.environ.get(LIMIT_VARIABLE, "").strip()
     try:
-        return float(os.environ.get(LIMIT_VARIABLE, ""))
+        limit = float(text) if text else DEFAULT_LIMIT_MB
     except ValueError:
-        return DEFAULT_LIMIT_MB
+        limit = math.nan
+    if not limit >= 0:
+        raise PcdbenchError(f"{LIMIT_VARIABLE} is {text!r}; give megabytes: 0 keeps no completed clouds, inf all")
+    return limit

@@ -54,10 +54,11 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
         executor: where cells run; `local_processes()` unless given.
 
     Raises:
-        PcdbenchError: where the folder cannot be used or not one scene could be.
+        PcdbenchError: where the folder or the cache's limit cannot be used or not one scene could be.
     """
     folder = RUNS / plan.folder_name if folder is None else folder
     executor = local_processes() if executor is None else executor
+    completions = CompletionCache()
     facts: dict[str, Any] = {
         "command": shlex.join(["pcdbench", *sys.argv[1:]]),
         "dataset_path": plan.dataset.path,
@@ -79,7 +80,7 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
                 store.append(rows)
                 progress.done(job, rows)
         if jobs:
-            CompletionCache().trim()
+            completions.trim()
             stored = store.rows()
     if stored and all(row["stage"] == "scene" for row in stored):
         others = f" (and {len(plan.scenes) - 1} more)" if len(plan.scenes) > 1 else ""

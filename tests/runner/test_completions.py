@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from pcdbench.cloud import PointCloud
-from pcdbench.errors import CacheWarning
+from pcdbench.errors import CacheWarning, PcdbenchError
 from pcdbench.runner.completions import Completion, CompletionCache
+from pcdbench.runner.plan import Request, plan
+from pcdbench.runner.run import carry_out
 
 FACTS = {"seconds": 1.5, "peak_memory_mb": None, "device": "cpu"}
 
@@ -59,6 +61,24 @@ def test_a_limit_of_nothing_keeps_nothing(tmp_path, monkeypatch):
     cache = CompletionCache(tmp_path)
     cache.put("key", completion(0))
     assert not list(tmp_path.rglob("*"))
+
+
+def test_a_limit_without_end_keeps_everything(tmp_path, monkeypatch):
+    monkeypatch.setenv("PCDBENCH_COMPLETIONS_MB", "inf")
+    cache = CompletionCache(tmp_path)
+    for number in range(3):
+        cache.put(f"{number}key", completion(number))
+    cache.trim()
+    assert all(cache.get(f"{number}key") is not None for number in range(3))
+
+
+@pytest.mark.parametrize("text", ["nan", "-1", "4 GB"])
+def test_a_limit_that_is_none_is_one_line_before_anything_runs(tmp_path, monkeypatch, tiny_plugins, text):
+    monkeypatch.setenv("PCDBENCH_COMPLETIONS_MB", text)
+    planned = plan(Request(["tiny_fill"], ["tiny_gap"], "tiny", incompletenesses=["slab"]))
+    with pytest.raises(PcdbenchError, match=f"PCDBENCH_COMPLETIONS_MB is '{text}'; give megabytes") as error:
+        carry_out(planned, tmp_path / "run")
+    assert "\n" not in str(error.value) and not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a zip", None])
