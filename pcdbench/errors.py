@@ -34,5 +34,10 @@ class CacheWarning(UserWarning):
 def first_problem(error: ValidationError) -> str:
     """`where: what` of the first thing that a pydantic model found wrong."""
     first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    return f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"
+    return f"{'.'.join(map(str, first['loc']))}: {problem_text(first['msg'])}"
+
+
+def problem_text(message: str) -> str:
+    """A message of pydantic's, to go on with in a line."""
+    text = message.removeprefix("Value error, ")
+    return text[:1].lower() + text[1:]

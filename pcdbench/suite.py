@@ -8,12 +8,12 @@ import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from pcdbench.downloads import is_address
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, problem_text
 from pcdbench.plugins import did_you_mean
 from pcdbench.runner.plan import ALL, DEFAULT_LEVELS, Request
 
@@ -30,9 +30,18 @@ class Entry(_Table):
     name: str
     options: dict[str, bool | int | float | str | list[int | float | str]] = {}
 
+    @model_validator(mode="after")
+    def _of_one(self) -> Self:
+        if self.options and self.name == ALL:
+            raise ValueError("options need the name of one plugin")
+        return self
+
 
 class DatasetEntry(Entry):
-    """The suite's data set; `path` is relative to the suite's file and may hold environment variables."""
+    """The suite's data set; `path` is relative to the suite's file and may hold environment variables.
+
+    Its name may be `NAME:PATH`, too.
+    """
 
     path: str | None = None
 
@@ -51,6 +60,28 @@ def _as_entry(value: Any) -> Any:
     return {"name": value} if isinstance(value, str) else value
 
 
+def _as_dataset(value: Any) -> Any:
+    entry = _as_entry(value)
+    if not (isinstance(entry, dict) and isinstance(entry.get("name"), str) and ":" in entry["name"]):
+        return entry
+    if "path" in entry:
+        raise ValueError("its path must be there once")
+    name, _, path = entry["name"].partition(":")
+    return entry | {"name": name, "path": path}
+
+
+def _require_options_once(entries: list[Entry]) -> list[Entry]:
+    times = Counter(entry.name for entry in entries)
+    for entry in entries:
+        if entry.options and times[entry.name] > 1:
+            raise ValueError("one with options must be there once")
+    return entries
+
+
+_Entry = Annotated[Entry, BeforeValidator(_as_entry)]
+_Entries = Annotated[list[_Entry], AfterValidator(_require_options_once)]
+
+
 class Suite(_Table):
     """What a suite's file holds.
 
@@ -61,13 +92,13 @@ class Suite(_Table):
         references: whether the reference completers are added.
     """
 
-    dataset: Annotated[DatasetEntry, BeforeValidator(_as_entry)] = DatasetEntry(name="indoor")
+    dataset: Annotated[DatasetEntry, BeforeValidator(_as_dataset)] = DatasetEntry(name="indoor")
     split: str | None = None
-    incompletenesses: list[Annotated[Entry, BeforeValidator(_as_entry)]] = [Entry(name="holes")]
+    incompletenesses: _Entries = [Entry(name="holes")]
     levels: list[_Level] = Field(list(DEFAULT_LEVELS), min_length=1)
     seeds: list[Annotated[int, Field(ge=0)]] = Field([0], min_length=1)
-    completers: list[Annotated[Entry, BeforeValidator(_as_entry)]] = Field(min_length=1)
-    tasks: list[Annotated[Entry, BeforeValidator(_as_entry)]] = Field(min_length=1)
+    completers: list[_Entry] = Field(min_length=1)
+    tasks: _Entries = Field(min_length=1)
     references: bool = True
     check: Check = Check()
 
@@ -112,11 +143,16 @@ def requests(suite: Suite, folder: Path, *, dataset: str | None = None) -> list[
         dataset: `NAME` or `NAME:PATH`, instead of the suite's.
 
     Raises:
-        PcdbenchError: where the data set's path holds a variable that is not set.
+        PcdbenchError: where the data set's path holds a variable that is not set, or its options are of another.
     """
     place = _dataset(suite.dataset, folder) if dataset is None else dataset
-    common: list[Entry] = [suite.dataset] if place.partition(":")[0] == suite.dataset.name else []
-    common += [*suite.incompletenesses, *suite.tasks]
+    name = place.partition(":")[0]
+    if suite.dataset.options and name != suite.dataset.name:
+        raise PcdbenchError(
+            f"the suite has options of {suite.dataset.name}, which --dataset {name} has no use for; "
+            f"give --dataset {suite.dataset.name}, or a suite without them"
+        )
+    common = [suite.dataset, *suite.incompletenesses, *suite.tasks]
     found = []
     for seed in suite.seeds:
         for completers in _rounds(suite.completers):
@@ -153,22 +189,19 @@ def _options(entries: Sequence[Entry]) -> list[str]:
     return [
         f"{entry.name}.{name}={','.join(map(str, value)) if isinstance(value, list) else value}"
         for entry in entries
-        if entry.name != ALL
         for name, value in entry.options.items()
     ]
 
 
 def _dataset(entry: DatasetEntry, folder: Path) -> str:
-    name, _, path = entry.name.partition(":")
-    path = entry.path or path
-    if not path:
-        return name
-    expanded = os.path.expandvars(path)
+    if not entry.path:
+        return entry.name
+    expanded = os.path.expandvars(entry.path)
     if "$" in expanded:
         raise PcdbenchError(
-            f"the suite's data are at {path}, and that is not set; set it, or give --dataset {name}:PATH"
+            f"the suite's data are at {entry.path}, and that is not set; set it, or give --dataset {entry.name}:PATH"
         )
-    return f"{name}:{expanded if is_address(expanded) else folder / Path(expanded).expanduser()}"
+    return f"{entry.name}:{expanded if is_address(expanded) else folder / Path(expanded).expanduser()}"
 
 
 def _told(path: Path, text: str, error: ValidationError) -> str:
@@ -185,7 +218,7 @@ def _told(path: Path, text: str, error: ValidationError) -> str:
     if problem["type"] == "missing":
         line = _line(text, names[:-1], None)
         return f"{path}{f', line {line}' if line else ''}: it has no {shown!r}; add it (see docs/leaderboards.md)"
-    return f"{at}: {shown}: {problem['msg'][0].lower()}{problem['msg'][1:]}, not {problem['input']!r}"
+    return f"{at}: {shown}: {problem_text(problem['msg'])}, not {problem['input']!r}"
 
 
 def _fields(names: Sequence[str]) -> list[str]:

@@ -78,9 +78,34 @@ def test_paths_are_of_the_file_or_the_environment_or_the_command(suite, tmp_path
     assert requests(read, tmp_path)[0].dataset == "clouds:/scans/a"
 
 
+def test_options_of_a_data_set_count_wherever_its_path_stands(suite, tmp_path):
+    for text in (
+        '{ name = "clouds:rooms", options = { points = 9 } }',
+        '{ name = "clouds", path = "rooms", options = { points = 9 } }',
+    ):
+        read = suite(f"{LEAST}dataset = {text}")
+        (request,) = requests(read, tmp_path)
+        assert (request.dataset, request.options) == (f"clouds:{tmp_path / 'rooms'}", ["clouds.points=9"])
+        assert requests(read, tmp_path, dataset="clouds:/there")[0].options == ["clouds.points=9"]
+        with pytest.raises(PcdbenchError, match="has options of clouds, which --dataset indoor has no use for; give"):
+            requests(read, tmp_path, dataset="indoor")
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (
+            LEAST + 'dataset = {name = "clouds:a", path = "b"}',
+            "suite.toml, line 3: dataset: its path must be there once, not {'name': 'clouds:a'",
+        ),
+        (
+            'tasks = ["a"]\ncompleters = [{name = "all", options = {x = 1}}]',
+            "suite.toml, line 2: completers.0: options need the name of one plugin, not {'name': 'all'",
+        ),
+        (
+            'completers = ["a"]\ntasks = [{name = "a", options = {x = 1}}, {name = "a", options = {x = 2}}]',
+            "suite.toml, line 2: tasks: one with options must be there once, not",
+        ),
         (LEAST + "levels = [0.1, 3.0]", "suite.toml, line 3: levels.1: input should be less than 1, not 3.0"),
         (LEAST + "\nlevel = [0.1]", "suite.toml, line 4: a suite has no 'level'; did you mean levels?"),
         (LEAST + "[check]\nscene = ['a']", "suite.toml, line 4: a suite has no 'check.scene'; did you mean scenes?"),
