@@ -13,7 +13,7 @@ from runs_for_tests import full_row, store_run
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.building import board_of_runs
-from pcdbench.leaderboard.gate import Finding, Verdict, check
+from pcdbench.leaderboard.gate import Finding, Verdict, _rejected_by_holm, check
 from pcdbench.leaderboard.gate_report import verdict_junit, verdict_markdown, verdict_text
 from pcdbench.plugins import registry
 from pcdbench.runner.completions import CompletionCache
@@ -208,6 +208,28 @@ def test_changes_too_small_to_matter_and_those_of_one_case_in_many_are_none(tmp_
     spoiled = rows(count=12)
     spoiled[3] = full_row("a", [4.5], scene="room3")
     assert check(committed, board(tmp_path / "three", spoiled)).holds
+
+
+def test_significance_is_shared_by_all_that_changed(tmp_path):
+    # Worse by 7.5 and 12.5 % in two cases each: t = sqrt(3) / 0.25 with three degrees of freedom, p = 0.0031.
+    # Half of the significance, 0.005, is more than that; a half of the half, where two have changed, is not.
+    def measured(folder, **changed):
+        values = {name: changed.get(name, (1.0,) * 4) for name in "ab"}
+        its = [
+            full_row(name, [value], scene=f"room{number}") for name in "ab" for number, value in enumerate(values[name])
+        ]
+        return board(tmp_path / folder, its)
+
+    worse = (1.075, 1.075, 1.125, 1.125)
+    committed = measured("committed")
+    assert kinds(check(committed, measured("one", a=worse))) == {("worse", "a", "task")}
+    assert kinds(check(committed, measured("two", a=worse, b=worse))) == set()
+
+
+def test_each_that_falls_leaves_its_share_to_those_after_it():
+    # By Holm's method the least may be 0.005 / 4, the next 0.005 / 3 and so on, up to the first that is more.
+    assert _rejected_by_holm([0.0024, 0.0012, 0.0051, 0.0016]) == [0, 1, 3]
+    assert _rejected_by_holm([0.0024, 0.0012, 0.0026, 0.0017]) == [1]
 
 
 def test_seldom_a_false_alarm_over_many_metrics(tmp_path):
