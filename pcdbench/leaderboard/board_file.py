@@ -12,7 +12,7 @@ from typing import Any
 import orjson
 from pydantic import TypeAdapter, ValidationError
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, first_problem
 from pcdbench.leaderboard.board import Board, BoardResult, Comparison, Standing
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.runner.store import write_text
@@ -76,9 +76,7 @@ def read_board(path: Path) -> Board:
         _require_whole(board)
         return board
     except ValidationError as error:
-        first = error.errors()[0]
-        told = ".".join(str(part) for part in first["loc"]) + f": {first['msg']}"
-        raise PcdbenchError(f"{path} is damaged ({told}); build the board again") from None
+        raise PcdbenchError(f"{path} is damaged ({first_problem(error)}); build the board again") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
         told = f"{type(error).__name__}: {error}"
         raise PcdbenchError(f"{path} is damaged ({told}); build the board again") from None

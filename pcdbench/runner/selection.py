@@ -14,7 +14,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pcdbench.downloads import downloaded, is_address
-from pcdbench.errors import PcdbenchError, PluginError
+from pcdbench.errors import PcdbenchError, PluginError, problem_text
 from pcdbench.keys import digest, file_digest
 from pcdbench.plugins import KINDS, Kind, did_you_mean, registry
 
@@ -149,9 +149,10 @@ def checked_options(name: str, model: type[OptionsModel], given: Mapping[str, st
             keys = list(model.model_fields)
             cure = did_you_mean(key, keys) if keys else "it has no options"
             raise PcdbenchError(f"{name} has no option {key!r}; {cure} (see pcdbench show {name})") from None
-        problem = first["msg"][0].lower() + first["msg"][1:]
         value = given.get(key)
-        raise PcdbenchError(f"--option {name}.{key}={value}: {problem} (see pcdbench show {name})") from None
+        raise PcdbenchError(
+            f"--option {name}.{key}={value}: {problem_text(first['msg'])} (see pcdbench show {name})"
+        ) from None
 
 
 def _typed(model: type[BaseModel], key: str, text: str) -> Any:

@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, first_problem
 from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
 from pcdbench.threads import children_limited, thread_count
@@ -126,10 +126,8 @@ def resumed(path: Path, network: nn.Module, average: dict[str, Tensor], optimize
     try:
         return TypeAdapter(Progress).validate_python(load_checkpoint(path, network, average, optimizer))
     except ValidationError as error:
-        told = error.errors()[0]
-        where = ".".join(map(str, told["loc"]))
         raise PcdbenchError(
-            f"{path} does not say where its training was ({where}: {told['msg']}); train without --resume"
+            f"{path} does not say where its training was ({first_problem(error)}); train without --resume"
         ) from None
 
 
