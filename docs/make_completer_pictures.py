@@ -18,9 +18,9 @@ from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.incompletenesses.holes import Holes
-from pcdbench.leaderboard.picture import write_picture
 from pcdbench.plugins import registry
 from pcdbench.scene import Scene
+from pcdbench.viewing.picture import write_picture
 
 COMPLETERS = ("deeppcd", "deeppcd_merged", "pcn", "foldingnet", "plane_fitting", "hole_filling", "voxel_unet")
 GENERATED = {"hall": "env002_crop0", "office": "env001_crop0"}

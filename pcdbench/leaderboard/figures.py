@@ -22,7 +22,7 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     Returns:
         `case_<scene>_<level>.png` in `folder`, or None where no scene could be used, or the scene is gone since.
     """
-    from pcdbench.leaderboard.picture import write_picture
+    from pcdbench.viewing.picture import write_picture
 
     usable = {row["scene"] for row in rows if row["stage"] not in ("scene", "case")}
     levels = sorted({cell.level for cell in plan.cells})

@@ -29,7 +29,7 @@ def cloud_html(cloud: PointCloud, description: str = "") -> str:
     caption = f"<figcaption>{escape(description or repr(cloud))}</figcaption>"
     if not len(cloud):
         return f'<figure style="margin:0">{caption}</figure>'
-    from pcdbench.leaderboard.picture import at_a_slant, from_above
+    from pcdbench.viewing.picture import at_a_slant, from_above
 
     drawn = cloud
     if len(cloud) > _DRAWN_POINTS:

@@ -4,6 +4,7 @@ import base64
 import io
 import re
 import time
+from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -84,3 +85,14 @@ def test_figures_show_themselves_and_tell_of_those_that_cannot() -> None:
     assert len(images(html)) == 1 and "&lt;good&gt;" in html and "<good>" not in html
     assert "bad cannot be drawn: ValueError" in html
     assert list(figures) == ["<good>", "bad"] and figures["bad"] is bad and repr(figures) == "Figures(<good>, bad)"
+
+
+def test_the_viewer_knows_neither_the_command_line_nor_the_leaderboard() -> None:
+    imports = "".join(
+        f"{path.name}: {line.strip()}\n"
+        for path in Path(pcdbench.__file__).parent.glob("viewing/*.py")
+        for line in path.read_text().splitlines()
+        if re.match(r"\s*(from|import) pcdbench", line)
+    )
+    assert "notebook.py" in imports and "pcdbench.viewing.picture" in imports
+    assert not re.search(r"pcdbench\.(cli|leaderboard)|pcdbench import .*(cli|leaderboard)", imports), imports

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.image import imread
 
 from pcdbench.cloud import PointCloud
-from pcdbench.leaderboard.picture import splat, write_picture
+from pcdbench.viewing.picture import splat, write_picture
 
 RED, BLUE, WHITE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 1.0, 1.0)
 EXTENT = (np.zeros(2), np.array([2.0, 1.0]))
