@@ -9,11 +9,14 @@ from typing import Annotated
 
 import typer
 
+from pcdbench.errors import PcdbenchError
+
 
 def paper(
     publication: Annotated[
-        str, typer.Argument(help="A completer with a publication.toml in its package, or such a file.")
-    ] = "deeppcd",
+        str | None,
+        typer.Argument(help="A completer with a publication.toml in its package, or such a file."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Receives runs, weights that are trained, and the page.")] = Path(
         "runs/paper"
     ),
@@ -38,9 +41,11 @@ def paper(
     """
     from pcdbench.paper.experiments import Place, outcomes
     from pcdbench.paper.page import write_page
-    from pcdbench.paper.publication import read_publication
+    from pcdbench.paper.publication import read_publication, where_publications_are
     from pcdbench.runner.run import local_processes
 
+    if publication is None:
+        raise PcdbenchError(f"say which publication: {where_publications_are()}")
     budget = None
     if train_steps is not None or train_hours is not None:
         from pcdbench.training.loop import Budget

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from importlib import resources
@@ -177,14 +178,33 @@ def read_publication(place: str) -> Publication:
     return publication
 
 
+def where_publications_are() -> str:
+    """What may be given as a publication, for messages: the completers that have one, or a file."""
+    from pcdbench.plugins import registry
+
+    names = []
+    for its in registry().all("completer"):
+        # A package that cannot be imported is told by those who need it.
+        with contextlib.suppress(Exception):
+            if _beside(its.target.partition(":")[0]):
+                names.append(its.name)
+    return " or ".join(filter(None, [f"a completer that has one ({', '.join(names)})" if names else "", f"a {FILE}"]))
+
+
 def _of_completer(name: str) -> Path:
     from pcdbench.plugins import registry
 
-    package = registry().get("completer", name).load().__module__.rpartition(".")[0]
-    found = resources.files(package) / FILE
-    if not found.is_file():
-        raise PcdbenchError(f"{name} has no {FILE} in its package; give a file")
-    return Path(str(found))
+    found = _beside(registry().get("completer", name).load().__module__)
+    if found is None:
+        raise PcdbenchError(f"{name} has no {FILE} in its package; give {where_publications_are()}")
+    return found
+
+
+def _beside(module: str) -> Path | None:
+    """The publication in the package that a module is in."""
+    package = module.rpartition(".")[0]
+    path = Path(str(resources.files(package) / FILE)) if package else None
+    return path if path is not None and path.is_file() else None
 
 
 def _require_sound(publication: Publication, path: Path) -> None:

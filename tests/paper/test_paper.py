@@ -178,9 +178,19 @@ def test_mistakes_in_the_file_are_told(paper, old: str, new: str, message: str) 
     assert len(ended.stderr.strip().splitlines()) == 1
 
 
-def test_a_completer_without_a_publication_says_so() -> None:
-    with pytest.raises(PcdbenchError, match=r"plane_fitting has no publication\.toml"):
-        read_publication("plane_fitting")
+WHERE = r"a completer that has one \(deeppcd, deeppcd_merged\) or a publication\.toml"
+
+
+@pytest.mark.parametrize("name", ["plane_fitting", "tiny_fill"])
+def test_a_completer_without_a_publication_says_so(tiny_plugins, name: str) -> None:
+    with pytest.raises(PcdbenchError, match=rf"{name} has no publication\.toml in its package; give {WHERE}$"):
+        read_publication(name)
+
+
+def test_without_a_publication_those_that_there_are_are_named_in_one_line() -> None:
+    ended = CliRunner().invoke(app, ["paper"])
+    assert ended.exit_code == 2
+    assert re.fullmatch(rf"pcdbench: say which publication: {WHERE}\n", ended.stderr), ended.stderr
 
 
 def test_deeppcd_has_the_published_tables_and_figures() -> None:
