@@ -24,7 +24,7 @@ TRUTH, CEILING, FLOOR = "ground_truth", "resample", "incomplete"
 
 
 @dataclass(frozen=True)
-class Standing:
+class ReferenceStanding:
     """What a reference scores at a level: the mean over cases, each case counting with its mean sample."""
 
     reference: str
@@ -61,7 +61,7 @@ class Audit:
     incompleteness: str
     scenes: int
     ceiling: str
-    standings: tuple[Standing, ...]
+    standings: tuple[ReferenceStanding, ...]
     checks: tuple[Check, ...]
 
     @property
@@ -175,7 +175,9 @@ class _Judge:
         return mean_estimate(means.to_numpy(), pd.factorize(means.index.get_level_values("scene"), sort=True)[0])
 
 
-def _standings(rows: Sequence[Mapping[str, Any]], table: pd.DataFrame, levels: Sequence[float]) -> tuple[Standing, ...]:
+def _standings(
+    rows: Sequence[Mapping[str, Any]], table: pd.DataFrame, levels: Sequence[float]
+) -> tuple[ReferenceStanding, ...]:
     standings = []
     for reference in (TRUTH, CEILING, FLOOR):
         for level in levels:
@@ -185,7 +187,7 @@ def _standings(rows: Sequence[Mapping[str, Any]], table: pd.DataFrame, levels: S
             failed = sum(row["status"] not in ("ok", "skipped") for row in its)
             scenes = pd.factorize(means.index.get_level_values("scene"), sort=True)[0]
             mean = mean_estimate(means.to_numpy(), scenes) if len(means) else None
-            standings.append(Standing(reference, level, len(means), failed, skipped, mean))
+            standings.append(ReferenceStanding(reference, level, len(means), failed, skipped, mean))
     return tuple(standings)
 
 

@@ -64,6 +64,11 @@ class BoardTask:
     options: Mapping[str, Any]
     metrics: tuple[BoardMetric, ...]
 
+    @property
+    def main(self) -> BoardMetric | None:
+        """The metric that ranks; None where nothing was measured."""
+        return next((metric for metric in self.metrics if metric.main), None)
+
 
 @dataclass(frozen=True)
 class BoardCompleter:

@@ -108,7 +108,7 @@ def _main_standings(board: Board, data: int) -> _Main:
     """By (incompleteness, task), the task's main metric and its measured standings."""
     found: dict[tuple[str, str], tuple[BoardMetric, list[Standing]]] = {}
     for its in board.standings:
-        metric = next((one for one in board.task_of[its.task].metrics if one.main), None)
+        metric = board.task_of[its.task].main
         if its.data == data and metric is not None and its.metric == metric.name and its.mean is not None:
             found.setdefault((its.incompleteness, its.task), (metric, []))[1].append(its)
     return found
@@ -124,7 +124,7 @@ def _samples(board: Board, data: int) -> Mapping[tuple[str, BoardMetric], Any]:
             for task, result in cell.results.items():
                 pooled[task, case.incompleteness, case.level, cell.completer].extend(result.samples)
     for (task, incompleteness, level, completer), samples in sorted(pooled.items()):
-        metric = next((one for one in board.task_of[task].metrics if one.main), None)
+        metric = board.task_of[task].main
         if metric is not None and samples:
             panels = found.setdefault((task, metric), {})
             panels.setdefault((incompleteness, level), {})[completer] = np.asarray(samples)

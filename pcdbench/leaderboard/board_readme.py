@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pcdbench.leaderboard.audit import CEILING, FLOOR, TRUTH
-from pcdbench.leaderboard.render import estimate_text
+from pcdbench.leaderboard.render import escaped_markdown, estimate_text
 from pcdbench.leaderboard.summary import level_text
 
 if TYPE_CHECKING:
@@ -38,10 +38,10 @@ def board_readme(board: Board, figures: Mapping[str, Path], commands: Sequence[s
         commands: what builds this board again.
         folder: of the page; links are relative to it.
     """
-    parts = [f"# {_escaped(board.name)}\n", _facts(board), _overview(board), _READING, _notes(board)]
+    parts = [f"# {escaped_markdown(board.name)}\n", _facts(board), _overview(board), _READING, _notes(board)]
     if figures:
         shown = [
-            f"### {_escaped(title)}\n\n![{_escaped(title)}]({path.relative_to(folder).as_posix()})\n"
+            f"### {escaped_markdown(title)}\n\n![{escaped_markdown(title)}]({path.relative_to(folder).as_posix()})\n"
             for title, path in figures.items()
         ]
         parts += ["## Figures\n", *shown]
@@ -75,11 +75,12 @@ def _overview(board: Board) -> str:
 
 
 def _overview_table(board: Board, standings: Sequence[Standing]) -> str:
-    tasks = [(task.name, _main(board, task.name)) for task in board.tasks]
+    tasks = [(task.name, task.main) for task in board.tasks]
     columns = [
         (name, metric) for name, metric in tasks if metric is not None and any(its.task == name for its in standings)
     ]
-    of = {(its.completer, its.task): its for its in standings if its.metric in ("", _main_name(board, its.task))}
+    main = {name: "" if metric is None else metric.name for name, metric in tasks}
+    of = {(its.completer, its.task): its for its in standings if its.metric in ("", main[its.task])}
     best = _best(board, standings)
     header = ["", *(f"{name}: {metric.summary} {metric.name} ({metric.unit.split(',')[0]}) "
                     f"{'↓' if metric.direction == 'lower' else '↑'}" for name, metric in columns)]  # fmt: skip
@@ -136,7 +137,7 @@ def _details(board: Board) -> list[str]:
                 )
         table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
         options = ", ".join(f"{name}={value}" for name, value in task.options.items())
-        summary = f"{task.name}, version {task.version}" + (f" ({_escaped(options)})" if options else "")
+        summary = f"{task.name}, version {task.version}" + (f" ({escaped_markdown(options)})" if options else "")
         parts.append(f"<details><summary>{summary}</summary>\n\n{table}\n\n</details>\n")
     return parts
 
@@ -152,7 +153,7 @@ def _notes(board: Board) -> str:
     )
     shown = sorted(lost.items(), key=lambda item: (item[0][0] == "skipped", -item[1], item[0]))
     lines += [
-        f"- {count} {status}: {_escaped(completer)} on {task}: {_escaped(error)}"
+        f"- {count} {status}: {escaped_markdown(completer)} on {task}: {escaped_markdown(error)}"
         for (status, completer, task, error), count in shown[:_REASONS_SHOWN]
     ]
     if len(shown) > _REASONS_SHOWN:
@@ -195,12 +196,15 @@ def _in_order(board: Board, standings: Sequence[Standing]) -> list[BoardComplete
         (its for its in present if not its.reference),
         key=lambda its: (-len(ranks[its.label]), sum(ranks[its.label]), its.label),
     )
-    first = next((task.name for task in board.tasks if any(one.task == task.name for one in standings)), "")
-    metric = _main(board, first) if first else None
+    first = next((task for task in board.tasks if any(one.task == task.name for one in standings)), None)
+    metric = None if first is None else first.main
     value = {
         its.completer: _badness(its, metric)
         for its in standings
-        if metric is not None and its.task == first and its.metric == metric.name and its.mean is not None
+        if first is not None
+        and metric is not None
+        and (its.task, its.metric) == (first.name, metric.name)
+        and its.mean is not None
     }
     best = min((value[its.label] for its in methods if its.label in value), default=math.inf)
     references = sorted((its for its in present if its.reference), key=lambda its: value.get(its.label, math.inf))
@@ -217,7 +221,7 @@ def _best(board: Board, standings: Sequence[Standing]) -> set[tuple[str, str]]:
     """(completer, task) of the best value of each task; equals share it."""
     best = set()
     for task in board.tasks:
-        metric = _main(board, task.name)
+        metric = task.main
         its = [
             one
             for one in standings
@@ -242,24 +246,7 @@ def _value(its: Standing | None, metric: BoardMetric, completer: BoardCompleter,
 
 
 def _name(completer: BoardCompleter) -> str:
-    name = _escaped(completer.label)
+    name = escaped_markdown(completer.label)
     shown = f"*{name}*" if completer.reference else name
     role = f" ({_ROLES[completer.name]})" if completer.reference and completer.name in _ROLES else ""
     return shown + role + (" †" if completer.saw_test else "")
-
-
-def _main(board: Board, task: str) -> BoardMetric | None:
-    return next((metric for metric in board.task_of[task].metrics if metric.main), None)
-
-
-def _main_name(board: Board, task: str) -> str:
-    metric = _main(board, task)
-    return "" if metric is None else metric.name
-
-
-def _escaped(text: str) -> str:
-    """Text that Markdown and HTML show as it is, in a table too."""
-    text = " ".join(text.split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    for character in "\\`*[]|#~":
-        text = text.replace(character, f"\\{character}")
-    return text

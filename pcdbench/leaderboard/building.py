@@ -256,7 +256,7 @@ def rankings_of(
             tables[case.data, case.incompleteness, case.level, task][cell.completer].append(tried)
     rankings = {}
     for table, by_completer in sorted(tables.items()):
-        main = next((metric for metric in task_of[table[3]].metrics if metric.main), None)
+        main = task_of[table[3]].main
         if main is None:
             continue
         ranked = {label: its for label, its in by_completer.items() if not completer_of[label].reference}

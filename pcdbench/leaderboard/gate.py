@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from scipy.stats import ttest_1samp
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json
 from pcdbench.leaderboard.board import Board, BoardCase, BoardCell, BoardCompleter
-from pcdbench.leaderboard.merging import AGREEMENT
+from pcdbench.leaderboard.merging import AGREEMENT, version_text
 
 FEWEST_CASES = 4
 SIGNIFICANCE = 0.01
@@ -134,8 +134,11 @@ def changed_protocols(committed: Board, fresh: Board) -> Iterator[Finding]:
     ):
         for name, old in olds.items():
             new = news.get(name)
-            if new is not None and _version(old) != _version(new):
-                told = f"{kind} {name} is {_version(new)}, the board's is {_version(old)}; build the board again"
+            if new is None:
+                continue
+            is_now, was = (version_text(its.version, its.options) for its in (new, old))
+            if is_now != was:
+                told = f"{kind} {name} is {is_now}, the board's is {was}; build the board again"
                 yield Finding("changed", "", name if kind == "task" else "", told)
     digests = {(its.dataset, scene): digest for its in committed.data for scene, digest in its.scenes.items()}
     for data in fresh.data:
@@ -143,11 +146,6 @@ def changed_protocols(committed: Board, fresh: Board) -> Iterator[Finding]:
         if other:
             told = f"{len(other)} scenes of {data.dataset} have other content than the board's: {other[0]} is the first"
             yield Finding("changed", "", "", told)
-
-
-def _version(protocol: Any) -> str:
-    options = ", ".join(f"{name}={value}" for name, value in sorted(protocol.options.items()))
-    return f"version {protocol.version}" + (f" ({options})" if options else "")
 
 
 def paired(committed: Board, fresh: Board) -> dict[str, list[_Pair]]:

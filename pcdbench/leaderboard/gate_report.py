@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 from pcdbench.leaderboard.gate import Finding, Kind, Verdict
+from pcdbench.leaderboard.render import escaped_markdown
 
 _TITLES: dict[Kind, str] = {
     "changed": "Measured otherwise",
@@ -36,11 +37,11 @@ def verdict_text(verdict: Verdict) -> str:
 
 def verdict_markdown(verdict: Verdict) -> str:
     """The verdict as a comment on a pull request."""
-    parts = [f"### Leaderboard {'✅' if verdict.holds else '❌'}\n\n{_escaped(verdict_line(verdict))}\n"]
+    parts = [f"### Leaderboard {'✅' if verdict.holds else '❌'}\n\n{escaped_markdown(verdict_line(verdict))}\n"]
     for kind, title in _TITLES.items():
         its = [finding for finding in verdict.findings if finding.kind == kind]
         if its:
-            parts.append(f"**{title}**\n\n" + "".join(f"- {_escaped(finding.told)}\n" for finding in its))
+            parts.append(f"**{title}**\n\n" + "".join(f"- {escaped_markdown(finding.told)}\n" for finding in its))
     return "\n".join(parts)
 
 
@@ -72,11 +73,3 @@ def verdict_junit(verdict: Verdict) -> str:
 def _add_failure(case: ElementTree.Element, findings: Sequence[Finding]) -> None:
     failure = ElementTree.SubElement(case, "failure", type=findings[0].kind, message=findings[0].told)
     failure.text = "\n".join(finding.told for finding in findings)
-
-
-def _escaped(text: str) -> str:
-    """Text that Markdown shows as it is."""
-    text = " ".join(text.split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-    for character in "\\`*[]|#~@":
-        text = text.replace(character, f"\\{character}")
-    return text

@@ -167,15 +167,20 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
     for run in runs:
         for row in run.rows:
             dataset = row["dataset"]
-            check(run, "data set", dataset["name"], _told(dataset))
+            check(run, "data set", dataset["name"], _version_of(dataset))
             check(run, f"scene {row['scene']} of data set", dataset["name"], f"digest {dataset['digest'][:16]}")
-            check(run, "incompleteness", row["incompleteness"]["name"], _told(row["incompleteness"]))
-            check(run, "task", row["task"]["name"], _told(row["task"]))
+            check(run, "incompleteness", row["incompleteness"]["name"], _version_of(row["incompleteness"]))
+            check(run, "task", row["task"]["name"], _version_of(row["task"]))
 
 
-def _told(plugin: Mapping[str, Any]) -> str:
-    options = ", ".join(f"{name}={value}" for name, value in sorted(plugin["options"].items()))
-    return f"version {plugin['version']}" + (f" ({options})" if options else "")
+def version_text(version: str, options: Mapping[str, Any]) -> str:
+    """What must be the same for numbers to stand beside one another, for messages."""
+    told = ", ".join(f"{name}={value}" for name, value in sorted(options.items()))
+    return f"version {version}" + (f" ({told})" if told else "")
+
+
+def _version_of(plugin: Mapping[str, Any]) -> str:
+    return version_text(plugin["version"], plugin["options"])
 
 
 def _place(row: Mapping[str, Any]) -> str:

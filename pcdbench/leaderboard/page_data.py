@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +14,7 @@ from pcdbench.leaderboard.audit import CEILING, FLOOR, TRUTH
 from pcdbench.leaderboard.board import Board, BoardCompleter, BoardData, BoardMetric, BoardTask
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.leaderboard.summary import STATISTICS
+from pcdbench.viewing.payload import base64_text
 
 CURVE_STEPS = 100
 # A page with all samples of 300 scenes and 20 completers would be as large as a film; every one has four characters.
@@ -166,9 +166,9 @@ def _standings(board: Board, index: _Index) -> dict[str, Any]:
             counts[name][at] = count
         counts["ranks"][at] = its.rank or 0
     return {
-        "estimates": {name: _base64(array) for name, array in found.items()},
-        "counts": {name: _base64(array) for name, array in counts.items()},
-        **{name: _base64(array) for name, array in cost.items()},
+        "estimates": {name: base64_text(array) for name, array in found.items()},
+        "counts": {name: base64_text(array) for name, array in counts.items()},
+        **{name: base64_text(array) for name, array in cost.items()},
     }
 
 
@@ -206,13 +206,13 @@ def _cells(board: Board, index: _Index) -> dict[str, Any]:
         "scenes": list(scenes),
         "seeds": list(seeds),
         "reasons": list(reasons)[: np.iinfo(whys.dtype).max],
-        "case_settings": _base64(settings),
-        "case_scenes": _base64(np.array([scenes[case.scene] for case in board.cases], dtype="<u2")),
-        "case_draws": _base64(np.array([case.draw for case in board.cases], dtype="<u2")),
-        "case_seeds": _base64(np.array([seeds[case.seed] for case in board.cases], dtype="<u2")),
-        "statuses": _base64(statuses),
-        "keys": _base64(keys),
-        "row_reasons": _base64(whys),
+        "case_settings": base64_text(settings),
+        "case_scenes": base64_text(np.array([scenes[case.scene] for case in board.cases], dtype="<u2")),
+        "case_draws": base64_text(np.array([case.draw for case in board.cases], dtype="<u2")),
+        "case_seeds": base64_text(np.array([seeds[case.seed] for case in board.cases], dtype="<u2")),
+        "statuses": base64_text(statuses),
+        "keys": base64_text(keys),
+        "row_reasons": base64_text(whys),
         "case_seconds": packed_floats(case_seconds),
         "values": packed_floats(values),
         "samples_of": _samples(samples, shape, len(index.metrics)),
@@ -235,7 +235,7 @@ def _samples(
         if left < 0:
             break
         values = np.concatenate([its[at] for at in sorted(its)])
-        packed[metric] = {"counts": _base64(counts), "values": packed_floats(values)}
+        packed[metric] = {"counts": base64_text(counts), "values": packed_floats(values)}
     return packed
 
 
@@ -269,8 +269,4 @@ def packed_floats(array: NDArray[Any]) -> str:
     # Numbers that are not finite must stay so: rounding would carry into their sign.
     finite = np.isfinite(np.asarray(array, dtype=np.float32)).reshape(-1)
     rounded = np.where(finite, np.minimum(bits + 0x80, 0xFFFFFFFF), bits).astype("<u4")
-    return _base64(rounded.view(np.uint8).reshape(-1, 4)[:, 1:])
-
-
-def _base64(array: NDArray[Any]) -> str:
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
+    return base64_text(rounded.view(np.uint8).reshape(-1, 4)[:, 1:])

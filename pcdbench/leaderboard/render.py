@@ -26,6 +26,14 @@ LEGEND = (
 )
 
 
+def escaped_markdown(text: str) -> str:
+    """Text that Markdown and HTML show as it is, in a table and in a comment too."""
+    text = " ".join(text.split()).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+    for character in "\\`*[]|#~@":
+        text = text.replace(character, f"\\{character}")
+    return text
+
+
 @dataclass(frozen=True)
 class Cell:
     """A table's cell: its text and whether it stands out (the best) or back (a reference)."""

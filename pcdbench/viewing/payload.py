@@ -55,7 +55,7 @@ def payload(shown: Sequence[Shown]) -> dict[str, Any]:
         "modes": modes,
         "mode": modes[0],
         "distance_max_m": distance_max,
-        "maps": {mode: _base64(_map(COLORMAPS[mode])) for mode in modes if mode in COLORMAPS},
+        "maps": {mode: base64_text(_map(COLORMAPS[mode])) for mode in modes if mode in COLORMAPS},
         "clouds": [_packed(its, corner, span, distance_max) for its in shown],
     }
 
@@ -67,11 +67,11 @@ def _packed(its: Shown, corner: NDArray[np.float64], span: float, distance_max: 
         distance = np.rint(np.minimum(its.distance_m / distance_max, 1.0) * 255).astype(np.uint8)
     colors = its.cloud.colors
     return {
-        "xyz": _base64(steps),
-        "rgb": None if colors is None else _base64(np.rint(colors * 255).astype(np.uint8)),
-        "added": None if its.added is None else _base64(np.packbits(its.added, bitorder="little")),
-        "confidence": None if its.confidence is None else _base64(np.rint(its.confidence * 255).astype(np.uint8)),
-        "distance": None if distance is None else _base64(distance),
+        "xyz": base64_text(steps),
+        "rgb": None if colors is None else base64_text(np.rint(colors * 255).astype(np.uint8)),
+        "added": None if its.added is None else base64_text(np.packbits(its.added, bitorder="little")),
+        "confidence": None if its.confidence is None else base64_text(np.rint(its.confidence * 255).astype(np.uint8)),
+        "distance": None if distance is None else base64_text(distance),
     }
 
 
@@ -116,5 +116,6 @@ def _map(name: str) -> NDArray[np.uint8]:
     return np.rint(np.asarray(colormaps[name](np.linspace(_DARKEST, 1, 256)))[:, :3] * 255).astype(np.uint8)
 
 
-def _base64(array: NDArray[Any]) -> str:
+def base64_text(array: NDArray[Any]) -> str:
+    """The bytes of an array, row by row."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
