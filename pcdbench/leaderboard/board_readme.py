@@ -19,8 +19,9 @@ _REASONS_SHOWN = 20
 _ROLES = {TRUTH: "the truth", CEILING: "the ceiling", FLOOR: "the floor"}
 _READING = f"""\
 Values are the metric's own statistic (its median or mean) over all samples, [with its 95 % bootstrap interval over \
-scenes]. **Bold**: the best completer. *Italic*: references, not methods: `{TRUTH}` is the complete cloud, `{CEILING}` \
-another sample of it, the best that a method can honestly reach, `{FLOOR}` what doing nothing scores.
+scenes]. **Bold**: the best of the completers with the most cases. *Italic*: references, not methods: `{TRUTH}` is \
+the complete cloud, `{CEILING}` another sample of it, the best that a method can honestly reach, `{FLOOR}` what doing \
+nothing scores.
 
 \\#N is a rank: one more than the number of completers that are shown to be better, by paired differences over the \
 same cases whose intervals hold for all pairs of a table at once. Completers that cannot be told apart share a rank, \
@@ -82,13 +83,14 @@ def _overview_table(board: Board, standings: Sequence[Standing]) -> str:
     main = {name: "" if metric is None else metric.name for name, metric in tasks}
     of = {(its.completer, its.task): its for its in standings if its.metric in ("", main[its.task])}
     best = _best(board, standings)
+    most = {name: max((its.cases for its in standings if its.task == name), default=0) for name, _ in columns}
     header = ["", *(f"{name}: {metric.summary} {metric.name} ({metric.unit.split(',')[0]}) "
                     f"{'↓' if metric.direction == 'lower' else '↑'}" for name, metric in columns)]  # fmt: skip
     lines = [[*header, "failed", "seconds", "MB"], [":--", *["--:"] * (len(columns) + 3)]]
     for completer in _in_order(board, standings):
         its = [of[completer.label, name] for name, _ in columns if (completer.label, name) in of]
         values = [
-            _value(of.get((completer.label, name)), metric, completer, (completer.label, name) in best)
+            _value(of.get((completer.label, name)), metric, completer, (completer.label, name) in best, most[name])
             for name, metric in columns
         ]
         failed = max((one.failed for one in its), default=0)
@@ -218,7 +220,7 @@ def _badness(its: Standing, metric: BoardMetric) -> float:
 
 
 def _best(board: Board, standings: Sequence[Standing]) -> set[tuple[str, str]]:
-    """(completer, task) of the best value of each task; equals share it."""
+    """(completer, task) of the best value of each task, over as many cases as any has; equals share it."""
     best = set()
     for task in board.tasks:
         metric = task.main
@@ -231,18 +233,21 @@ def _best(board: Board, standings: Sequence[Standing]) -> set[tuple[str, str]]:
             and not board.completer_of[one.completer].reference
         ]
         if metric is not None and its:
-            least = min(_badness(one, metric) for one in its)
-            best |= {(one.completer, task.name) for one in its if _badness(one, metric) == least}
+            # A mean without the cases that a completer failed on, or was not run on, is no better for it.
+            whole = [one for one in its if one.cases == max(other.cases for other in its)]
+            least = min(_badness(one, metric) for one in whole)
+            best |= {(one.completer, task.name) for one in whole if _badness(one, metric) == least}
     return best
 
 
-def _value(its: Standing | None, metric: BoardMetric, completer: BoardCompleter, best: bool) -> str:
+def _value(its: Standing | None, metric: BoardMetric, completer: BoardCompleter, best: bool, most: int) -> str:
     if its is None or its.mean is None:
         return "-"
     text = estimate_text(getattr(its, metric.summary), metric.unit)
     value, _, interval = text.partition(" ")
     value = f"**{value}**" if best else f"*{value}*" if completer.reference else value
-    return " ".join(filter(None, [value, interval, "" if its.rank is None else f"\\#{its.rank}"]))
+    fewer = f"({its.cases} of {most} cases)" if its.cases < most else ""
+    return " ".join(filter(None, [value, interval, "" if its.rank is None else f"\\#{its.rank}", fewer]))
 
 
 def _name(completer: BoardCompleter) -> str:

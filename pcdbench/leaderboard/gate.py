@@ -96,7 +96,7 @@ def check(committed: Board, fresh: Board) -> Verdict:
       is `SLOWER` times what it was; `SLOWER_ELSEWHERE` times where another processor measured the board.
 
     Raises:
-        PcdbenchError: where both have too few cases in common.
+        PcdbenchError: where both have too few cases, or none of the board's methods, in common.
     """
     changed = list(changed_protocols(committed, fresh))
     pairs = paired(committed, fresh)
@@ -105,6 +105,12 @@ def check(committed: Board, fresh: Board) -> Verdict:
         raise PcdbenchError(
             f"the run has {len(cases)} cases of the board {committed.name}, and a check needs {FEWEST_CASES}; run more "
             "scenes or levels of the same data set, split and seed"
+        )
+    methods = [its.label for its in committed.completers if not its.reference]
+    if methods and not changed and not any(pairs.get(label) for label in methods):
+        raise PcdbenchError(
+            f"the run has none of the completers of the board {committed.name} ({', '.join(methods[:8])}); run one of "
+            "them"
         )
     altered = {finding.task for finding in changed}
     findings = [*changed, *_unmatched(committed, fresh)]

@@ -165,6 +165,9 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
             )
 
     for run in runs:
+        for its in run.configuration.get("completers", ()):
+            if its.get("code") and not its.get("reference"):
+                check(run, "completer", f"{its['name']} {_version_of(its)}", f"code {its['code'][:16]}")
         for row in run.rows:
             dataset = row["dataset"]
             check(run, "data set", dataset["name"], _version_of(dataset))

@@ -21,7 +21,7 @@ HEADER = ("level", "completer", "median [95 %]", "90th percentile [95 %]", "mean
 AUDIT_HEADER = ("level", "reference", "mean of cases [95 %]", "cases")
 _LEFT_COLUMNS = (1,)
 LEGEND = (
-    "Bold: the best completer of a level. Italic: references, not methods. "
+    "Bold: the best of a level's completers with the most cases. Italic: references, not methods. "
     "[95 %]: bootstrap interval over scenes. Seconds: median time of completing."
 )
 
@@ -179,10 +179,13 @@ def _block(lines: pd.DataFrame) -> list[list[Cell]]:
 
 
 def _best(lines: pd.DataFrame) -> set[str]:
-    """The best of the completers that are no references, by the metric's own statistic; equals share it."""
+    """The best of the completers that are no references, by the metric's own statistic, over as many cases as any of
+    them has; equals share it.
+    """
     ranked = lines[(lines["metric"] != "") & ~lines["reference"].astype(bool)]
     if ranked.empty:
         return set()
+    ranked = ranked[ranked["cases"] == ranked["cases"].max()]
     first = ranked.iloc[0]
     values = ranked[first["summary"]].astype(float)
     best = values.min() if first["direction"] == "lower" else values.max()

@@ -48,6 +48,7 @@ def updated(board: Board, fresh: Board) -> Board:
     if not ours:
         raise PcdbenchError(f"the runs have no completer to put on the board {board.name}, only references")
     names = {its.name for its in ours.values()}
+    _refuse_less(board, fresh, names)
     kept = {its.label: its for its in board.completers if its.name not in names}
     completers = tuple(sorted([*kept.values(), *ours.values()], key=lambda its: (not its.reference, its.label)))
     position = {its.label: at for at, its in enumerate(completers)}
@@ -89,3 +90,24 @@ def updated(board: Board, fresh: Board) -> Board:
         ),
         comparisons=comparisons_of(rankings),
     )
+
+
+def _refuse_less(board: Board, fresh: Board, names: set[str]) -> None:
+    """Raise where one of these completers has measurements on the board that the fresh one has none in place of."""
+    has, had = (
+        {
+            (its.completer_of[cell.completer].name, case_key(its, its.cases[cell.case]), task)
+            for cell in its.cells
+            for task in cell.results
+            if its.completer_of[cell.completer].name in names
+        }
+        for its in (fresh, board)
+    )
+    lost = had - has
+    if lost:
+        name, case, task = min(lost, key=str)
+        names_of_lost = ", ".join(sorted({its[0] for its in lost}))
+        raise PcdbenchError(
+            f"the board {board.name} has {len(lost)} measurements of {names_of_lost} that the runs have not, {task} of "
+            f"{name} in {case[2]} for one; run them too, or build a board of its own"
+        )

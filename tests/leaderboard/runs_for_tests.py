@@ -66,18 +66,21 @@ def store_run(
     rows: Iterable[dict[str, Any]],
     *,
     cards: dict[str, Any] | None = None,
+    code: str | None = None,
     calibration: float | None = 1.0,
     cpu: str = "a processor",
     split: str = "test",
     time: str = "2026-01-01T00:00:00Z",
 ) -> Path:
-    """Store rows as a run; `cards` are model cards by completer."""
+    """Store rows as a run; `cards` are model cards by completer, `code` the digest of what completed."""
     rows = list(rows)
     folder.mkdir(parents=True, exist_ok=True)
     completers = {digest(row["completer"]): row["completer"] for row in rows}.values()
     described = [
         dict(its) | ({"card": cards[its["name"]]} if cards and its["name"] in cards else {}) for its in completers
     ]
+    if code is not None:
+        described = [its | {"code": code} for its in described]
     facts = {
         "schema_version": 1,
         "configuration": {"split": split, "seed": 0, "completers": described},

@@ -1,6 +1,7 @@
 """Boards from runs: in any order, of what fits together only, with nothing lost."""
 
 import itertools
+import json
 import re
 
 import pytest
@@ -8,7 +9,9 @@ from runs_for_tests import full_row, store_run
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board_file import board_json
+from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.building import board_of_runs
+from pcdbench.leaderboard.render import markdown, summary_tables
 from pcdbench.leaderboard.summary import summarize
 
 SCENES = [f"room{number}" for number in range(7)]
@@ -91,6 +94,27 @@ def test_versions_do_not_mix(tmp_path, more, message):
     two = store_run(tmp_path / "two", [full_row("b", [1.0], **more)])
     with pytest.raises(PcdbenchError, match=message):
         board_of_runs("b", [one, two])
+
+
+def test_two_states_of_a_completers_code_do_not_mix(tmp_path):
+    one = store_run(tmp_path / "one", rows_of("a", 1.0), code="1111")
+    more = [full_row("a", [1.0], scene=f"room{number}", task="other") for number in range(7)]
+    with pytest.raises(PcdbenchError, match=r"one has completer a version 1 at code 1111, .*two at code 2222"):
+        board_of_runs("b", [one, store_run(tmp_path / "two", more, code="2222")])
+    assert len(board_of_runs("b", [one, store_run(tmp_path / "two", more, code="1111")]).tasks) == 2
+    floors = [store_run(tmp_path / f"f{code}", rows_of("incomplete", 1.0), code=code) for code in "12"]
+    assert len(board_of_runs("b", [one, *floors]).completers) == 2
+
+
+def test_the_best_is_best_over_as_many_cases_as_any(tmp_path):
+    rows = [*rows_of("plain", 5.0), *rows_of("lucky", 1.0)[:3]]
+    run = store_run(tmp_path / "run", [*rows, full_row("lucky", scene="room6", status="failed", error="too hard")])
+    readme = board_readme(board_of_runs("b", [run]), {}, ["build"], tmp_path)
+    lines = {line.split(" | ")[0].strip("| "): line for line in readme.splitlines() if line.startswith("| ")}
+    assert "**" in lines["plain"] and "cases)" not in lines["plain"]
+    assert "**" not in lines["lucky"] and "(3 of 7 cases)" in lines["lucky"]
+    shown = markdown(summary_tables(summarize(json.loads(line) for line in (run / "rows.jsonl").open())))
+    assert "**plain**" in shown and "**lucky**" not in shown
 
 
 def test_splits_stand_side_by_side(tmp_path):

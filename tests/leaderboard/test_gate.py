@@ -197,6 +197,14 @@ def test_what_is_on_one_board_alone_is_told(tmp_path):
     assert {its.told for its in verdict.findings} == {"b is on the board and was not run", "c is not on the board"}
 
 
+def test_a_run_of_none_of_the_boards_methods_holds_nothing(tmp_path):
+    floor = rows("incomplete", 5.0)
+    committed = board(tmp_path / "one", floor + rows("a") + rows("b"))
+    with raised(r"the run has none of the completers of the board board \(a, b\); run one of them"):
+        check(committed, board(tmp_path / "two", floor + rows("renamed")))
+    assert check(board(tmp_path / "three", floor), board(tmp_path / "four", floor)).holds
+
+
 def test_too_few_common_cases_are_an_error(tmp_path):
     with raised("has 3 cases of the board board, and a check needs 4"):
         check(board(tmp_path / "one", rows()), board(tmp_path / "two", rows(count=3)))

@@ -51,6 +51,16 @@ def test_a_completer_may_come_to_it_and_cover_less(tmp_path):
     assert {its.completer: its.cases for its in found.standings} == {"incomplete": 7, "a": 7, "c": 3}
 
 
+def test_what_is_measured_anew_is_measured_whole(tmp_path):
+    old = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 1.0))
+    for name, rows, count in (
+        ("task", [row for row in rows_of("a", 0.5) if row["task"]["name"] == "task"], 7),
+        ("scenes", rows_of("a", 0.5, SCENES[:3], version="2"), 8),
+    ):
+        with pytest.raises(PcdbenchError, match=f"the board b has {count} measurements of a that the runs have not"):
+            updated(old, board(tmp_path, name, rows_of("incomplete", 5.0), rows))
+
+
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
