@@ -31,6 +31,12 @@ def test_surfaces_do_not_share_colors():
     assert inpainted_colors(new, points, colors, np.ones(len(new)), surface).min() > 1 - 1e-3
 
 
+def test_a_color_half_as_far_off_counts_four_times():
+    observed, new = np.array([[-1.0, 0, 0], [2.0, 0, 0]]), np.zeros((1, 3))
+    mixed = inpainted_colors(new, observed, np.array([[0, 1, 0.5], [1, 0, 0.5]], np.float32))
+    np.testing.assert_allclose(mixed, [[0.2, 0.8, 0.5]], atol=1e-3)
+
+
 def test_no_new_points_need_no_colors():
     observed, _ = square_with_hole()
     assert inpainted_colors(np.empty((0, 3)), observed, np.zeros(observed.shape, np.float32)).shape == (0, 3)

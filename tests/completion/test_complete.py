@@ -307,3 +307,44 @@ def test_few_windows_are_in_memory_at_a_time():
         done += 1
         assert not isinstance(outcome, Exception)
     assert done == 5
+
+
+class Spot(Completer):
+    """Adds one point of the floor in each of two tiles, so far to the left of the border between them."""
+
+    def __init__(self, left_m: float | None, right_m: float | None) -> None:
+        super().__init__()
+        self.of_tile = (left_m, right_m)
+
+    def complete(self, cloud, rng):
+        # Tiles of 4 m, their middles at the origin; the window of the right one reaches 3.5 m to the left.
+        is_right = bool(cloud.points[:, 0].min() < -3)
+        left_m = self.of_tile[is_right]
+        if left_m is None:
+            return cloud
+        spot = [(-2 if is_right else 2) - left_m, 0.0, cloud.points[:, 2].min()]
+        return PointCloud(np.concatenate([cloud.points, [spot]]))
+
+
+def spotted(left_m, right_m):
+    steps = np.arange(80) * 0.1
+    floor = np.stack(np.meshgrid(steps, steps[:40], [0.0]), axis=-1).reshape(-1, 3)
+    done = pcdbench.complete(
+        PointCloud(floor[np.hypot(*(floor[:, :2] - (4, 2)).T) > 0.6]), Spot(left_m, right_m), tile_m=4.0
+    )
+    assert done.tiles == 2
+    return done.added_cloud.points, done.confidence[done.added]
+
+
+def test_two_tiles_do_not_put_two_points_at_one_place_of_their_border():
+    # The floor's spacing is 10 cm: new points keep 7 cm apart, 0.7 of that across a border.
+    for apart_m, count in ((0.02, 1), (0.04, 1), (0.06, 2)):
+        added, _ = spotted(apart_m / 2, -apart_m / 2)
+        assert len(added) == count, apart_m
+        assert added[0, 0] == pytest.approx(4 - apart_m / 2, abs=1e-3), "the earlier tile's stays"
+
+
+def test_a_neighbouring_tile_that_sees_nothing_there_halves_the_confidence():
+    (one, two), (disputed, agreed) = zip(*(spotted(0.2, right_m) for right_m in (None, 0.21)), strict=True)
+    assert one == pytest.approx(two) and len(one) == 1
+    assert agreed <= 1 and disputed / agreed == pytest.approx(0.5, rel=1e-5)

@@ -7,6 +7,7 @@ import pytest
 
 from pcdbench.case import make_case
 from pcdbench.errors import PcdbenchError
+from pcdbench.geometry.poses import pose
 from pcdbench.geometry.scanning import scanned
 from pcdbench.incompletenesses.short_scan import ShortScan
 from pcdbench.scene import Scene
@@ -62,6 +63,27 @@ def test_a_hidden_side_stays_unseen_longest(room):
         never &= occluded(place.raycaster, place.at(xy), points, 0.05)
     assert never.sum() > 10
     assert (~kept_of(room, 0.5, 3))[never].mean() > 0.95
+
+
+def test_the_camera_pans_to_either_side_of_the_walk(room):
+    place = scanned(room)
+    ahead, panned = (
+        ShortScan(ShortScan.Options(pan_deg=pan_deg))._leg(place, np.random.default_rng(0)) for pan_deg in (0, 40)
+    )
+    yaws = [np.arctan2([view[1, 0] for view in views], [view[0, 0] for view in views]) for views in (ahead, panned)]
+    sway_deg = np.degrees((yaws[1] - yaws[0] + np.pi) % (2 * np.pi) - np.pi)
+    # A sine in steps of 0.6 rad comes within 0.3 rad of its ends: 40 cos(0.3) = 38.2.
+    assert 38.2 <= sway_deg.max() <= 40 + 1e-9 and -40 - 1e-9 <= sway_deg.min() <= -38.2
+
+
+def test_within_a_view_points_count_from_the_middle_outwards(room):
+    place = scanned(room)
+    eye, angles_deg = place.center, np.array([20.0, -5.0, 35.0, 0.0, -30.0, 10.0, 60.0])
+    around = np.radians(angles_deg)
+    points = eye + 0.2 * np.stack([np.cos(around), np.sin(around), np.zeros(7)], axis=1)
+    order = ShortScan()._newly_seen(place, points, np.arange(7) == 5, pose(eye))
+    # 10 degrees was seen before, and 60 is out of a field of 77.
+    assert angles_deg[order].tolist() == [0, -5, 20, -30, 35]
 
 
 def test_a_cloud_of_which_nothing_would_be_left_is_an_error(room):

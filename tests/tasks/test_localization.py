@@ -9,6 +9,7 @@ from pcdbench_tasks.localization import Localization
 
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
+from pcdbench.geometry.poses import pose
 from pcdbench.geometry.scanning import scanned
 
 
@@ -74,6 +75,14 @@ def test_a_map_of_hardly_a_point_keeps_the_guess(half_room, count):
     found = evaluated(half_room, cloud)
     expected = np.linalg.norm(np.subtract(found.trace["true"], found.trace["reference"]), axis=1)
     assert found.samples["localization_error_m"] == pytest.approx(expected, abs=2e-4)
+
+
+def test_a_location_outside_of_the_scene_is_not_believed(half_room, monkeypatch):
+    answers = iter([pose([0.2, 0, 0]), pose([50, 0, 0]), pose([0, 0, -3]), pose([0, 0.1, 0.1], yaw_rad=0.5)])
+    monkeypatch.setattr("pcdbench_tasks.localization.register", lambda *_: next(answers))
+    trace = evaluated(half_room, half_room.cloud, locations=4).trace
+    moved = np.subtract(trace["estimated"], trace["reference"])
+    assert moved == pytest.approx(np.array([[0.2, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0.1, 0.1]]), abs=2e-4)
 
 
 def test_locations_are_free_near_and_in_sight(half_room):

@@ -8,7 +8,9 @@ import pytest
 from pcdbench_tasks.tracking import Tracking
 
 from pcdbench.geometry.freespace import BODY_RADIUS_M
+from pcdbench.geometry.poses import pose
 from pcdbench.geometry.scanning import scanned
+from pcdbench.geometry.surfels import SurfelCloud
 from pcdbench.scene import Scene
 
 
@@ -91,6 +93,23 @@ def test_a_scene_without_a_mesh_is_tracked_too(half_room):
     bare = Scene(scene.name, scene.complete, scene.dense, scene.complete_index)
     case = type(half_room)(bare, "half", half_room.level, half_room.seed, half_room.kept)
     assert np.mean(evaluated(case, bare.complete, steps=10).samples["tracking_error_m"]) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("found", "believed"),
+    [
+        (pose([0.29, 0, 0]), True),
+        (pose([0, -0.31, 0]), False),
+        (pose([0, 0, 0], yaw_rad=np.radians(14)), True),
+        (pose([0, 0, 0], yaw_rad=np.radians(-16)), False),
+    ],
+)
+def test_a_registration_far_from_its_guess_is_not_believed(half_room, monkeypatch, found, believed):
+    monkeypatch.setattr("pcdbench_tasks.tracking.register", lambda *_: found)
+    place, rng = scanned(half_room.scene), np.random.default_rng(0)
+    true = np.stack([pose(place.center)] * 2)
+    estimated = Tracking()._registered_poses(place, SurfelCloud(half_room.cloud.points), true, rng)
+    assert estimated[1] == pytest.approx(true[0] @ found if believed else true[0])
 
 
 def test_figures(half_room):

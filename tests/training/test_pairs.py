@@ -144,6 +144,19 @@ def test_notches_take_a_corner_or_a_bay_and_walls_stand_along_them() -> None:
     assert 0.2 < walled / len(cut) < 0.8
 
 
+def test_noise_is_of_some_millimetres_and_few_points_float() -> None:
+    cloud = PointCloud(np.zeros((20_000, 3)))
+    floating, rms_m = [], []
+    for seed in range(30):
+        moved = augment.noisy(cloud, np.random.default_rng(seed)).points
+        # Ten times the largest range noise.
+        far = np.linalg.norm(moved, axis=1) > 0.12
+        floating.append(far.mean())
+        rms_m.append(moved[~far].std())
+    assert 0.001 < np.mean(floating) < 0.004 and max(floating) < 0.006
+    assert min(rms_m) < 0.002 and 0.01 < max(rms_m) < 0.013
+
+
 def test_the_pose_keeps_shapes_up_to_one_scale() -> None:
     cloud = box_room(200).cloud
     turned = augment.reposed(cloud, np.random.default_rng(5))

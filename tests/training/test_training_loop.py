@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 import torch
+from accelerate import Accelerator
 from safetensors.torch import load_file
 from torch import nn
 
@@ -23,7 +24,7 @@ from pcdbench.training import truths as truths_module
 from pcdbench.training.card import write_card
 from pcdbench.training.checkpoint import load_checkpoint, save_weights
 from pcdbench.training.curve import Curve
-from pcdbench.training.loop import Budget, Progress, train
+from pcdbench.training.loop import Budget, Progress, _step, train
 from pcdbench.training.stream import PairStream, TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 from pcdbench.training.truths import Truth
@@ -256,6 +257,21 @@ def test_a_step_whose_gradients_overflow_is_left_out_but_not_one_after_the_other
     trainee.every = 1
     with pytest.raises(PcdbenchError, match="not finite any more at step 4"):
         train(trainee, tmp_path, budget, **options)
+
+
+def test_the_gradients_of_each_group_are_clipped_to_a_norm_of_one() -> None:
+    class Steep(HeightTrainee):
+        def loss(self, network: nn.Module, example: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+            steep, gentle = network.parameters()
+            return {"loss": 30 * steep[0, 0] + 40 * steep[0, 1] + 0.5 * gentle[0, 0]}
+
+    network = nn.ModuleList([nn.Linear(2, 1, bias=False), nn.Linear(1, 1, bias=False)])
+    before = [value.detach().clone() for value in network.parameters()]
+    optimizer = torch.optim.SGD([{"params": part.parameters()} for part in network], lr=1.0)
+    _step(Steep(), network, optimizer, Accelerator(cpu=True), [{}, {}], Progress())
+    moved = [was - value.detach() for was, value in zip(before, network.parameters(), strict=True)]
+    torch.testing.assert_close(moved[0], torch.tensor([[0.6, 0.8]]))
+    torch.testing.assert_close(moved[1], torch.tensor([[0.5]]))
 
 
 def test_the_plateau_rule_lowers_the_rate_after_two_checks_without_a_better_one() -> None:
