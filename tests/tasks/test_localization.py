@@ -1,16 +1,18 @@
 """Localization: the truth is found, half of it is not, draws are paired, and too little keeps the guess."""
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
-from pcdbench_tasks.localization import Localization
+from pcdbench_tasks.localization import Localization, _places_in_sight
 
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.geometry.poses import pose
 from pcdbench.geometry.scanning import scanned
+from pcdbench.geometry.visibility import MeshRaycaster
 
 
 def evaluated(case, completed, seed=0, **options):
@@ -80,9 +82,51 @@ def test_a_map_of_hardly_a_point_keeps_the_guess(half_room, count):
 def test_a_location_outside_of_the_scene_is_not_believed(half_room, monkeypatch):
     answers = iter([pose([0.2, 0, 0]), pose([50, 0, 0]), pose([0, 0, -3]), pose([0, 0.1, 0.1], yaw_rad=0.5)])
     monkeypatch.setattr("pcdbench_tasks.localization.register", lambda *_: next(answers))
-    trace = evaluated(half_room, half_room.cloud, locations=4).trace
-    moved = np.subtract(trace["estimated"], trace["reference"])
+    found = evaluated(half_room, half_room.cloud, locations=4, yaw_deg=0)
+    moved = np.subtract(found.trace["estimated"], found.trace["reference"])
     assert moved == pytest.approx(np.array([[0.2, 0, 0], [0, 0, 0], [0, 0, 0], [0, 0.1, 0.1]]), abs=2e-4)
+    off = np.subtract(found.trace["estimated"], found.trace["true"])
+    assert found.samples["localization_error_m"] == pytest.approx(np.linalg.norm(off, axis=1), abs=2e-4)
+    assert found.samples["localization_error_planar_m"] == pytest.approx(np.hypot(off[:, 0], off[:, 1]), abs=2e-4)
+    assert found.samples["rotation_error_deg"] == pytest.approx([0, 0, 0, np.degrees(0.5)], abs=1e-9)
+
+
+def test_a_place_behind_a_board_is_not_in_sight_and_one_far_off_not_near():
+    board = np.array([[1.5, -0.5, 0], [1.5, 0.5, 0], [1.5, 0.5, 2], [1.5, -0.5, 2]])
+    place = SimpleNamespace(
+        center=np.array([0, 0, 1.4]),
+        free=SimpleNamespace(centers=np.array([[1.0, 0], [2.0, 0.2], [-1.0, 2.0], [-3.0, 0]])),
+        at=lambda xy: np.column_stack([xy, np.full(len(xy), 1.4)]),
+        raycaster=MeshRaycaster(board, [[0, 1, 2], [0, 2, 3]]),
+    )
+    assert _places_in_sight(place, 2.5).tolist() == [[1.0, 0, 1.4], [-1.0, 2.0, 1.4]]
+
+
+def test_the_map_is_what_shows_from_the_reference_and_live_ranges_are_noisy(half_room, monkeypatch):
+    place = scanned(half_room.scene)
+    y, z = (np.arange(-20, 20)[:, None] * 0.05 + np.zeros(40) for _ in range(2))
+    board = np.stack([np.ones(1600), y.ravel(), z.T.ravel()], axis=1)
+    lives, maps = [], []
+
+    def register(live, reference, guess, *_):
+        lives.append(live)
+        maps.append(reference)
+        return guess
+
+    monkeypatch.setattr("pcdbench_tasks.localization.register", register)
+    completed = PointCloud(np.concatenate([board, board * [1.6, 0.8, 0.8]]) + place.center)
+    for noise_m in (0.0, 0.01):
+        evaluated(half_room, completed, locations=5, noise_m=noise_m)
+    assert all(shown == pytest.approx(board, abs=1e-6) for shown in maps), "the second board is hidden"
+    noise = np.concatenate([np.linalg.norm(lives[5 + k], axis=1) - np.linalg.norm(lives[k], axis=1) for k in range(20)])
+    assert noise.std() == pytest.approx(0.01, rel=0.05)
+
+
+def test_live_headings_differ_by_at_most_the_option(half_room):
+    task = Localization(Localization.Options(locations=30, yaw_deg=8.0))
+    poses, _ = task._live_scans(scanned(half_room.scene), np.random.default_rng(0))
+    yaw_deg = np.degrees(np.arctan2(poses[:, 1, 0], poses[:, 0, 0]))
+    assert 6 < yaw_deg.max() <= 8 and -8 <= yaw_deg.min() < -6
 
 
 def test_locations_are_free_near_and_in_sight(half_room):

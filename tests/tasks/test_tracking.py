@@ -112,6 +112,54 @@ def test_a_registration_far_from_its_guess_is_not_believed(half_room, monkeypatc
     assert estimated[1] == pytest.approx(true[0] @ found if believed else true[0])
 
 
+@pytest.mark.parametrize(("constant_velocity", "guessed"), [(False, [0, 0, 0]), (True, [0, 0.05, 0.1])])
+def test_each_step_goes_on_from_the_pose_estimated_before(half_room, monkeypatch, constant_velocity, guessed):
+    """A device that stands still, of which registration says that it moves by 5 cm, 10 cm and 15 cm."""
+    guesses, views = [], []
+
+    def register(live, reference, guess, *_):
+        guesses.append(guess[:3, 3])
+        return pose([0.05 * len(guesses), 0, 0])
+
+    def shown(cloud, T_scene_sensor, *view):
+        views.append((T_scene_sensor[:3, 3], view))
+        return cloud.points
+
+    monkeypatch.setattr("pcdbench_tasks.tracking.register", register)
+    monkeypatch.setattr("pcdbench_tasks.tracking.shown", shown)
+    place = scanned(half_room.scene)
+    task = Tracking(Tracking.Options(constant_velocity=constant_velocity))
+    true, surfels = np.stack([pose(place.center)] * 4), SurfelCloud(half_room.cloud.points)
+    estimated = task._registered_poses(place, surfels, true, np.random.default_rng(0))
+    assert (estimated - true)[:, :3, 3] == pytest.approx(np.outer([0, 0.05, 0.15, 0.3], [1, 0, 0]))
+    assert np.array(guesses) == pytest.approx(np.outer(guessed, [1, 0, 0]))
+    assert np.array([at for at, _ in views]) == pytest.approx(estimated[:3, :3, 3]), "not from where it truly is"
+    assert {view for _, view in views} == {(10.0, 110.0, 90.0)}
+
+
+def test_live_ranges_have_the_noise_of_the_options(half_room, monkeypatch):
+    ranges = []
+
+    def register(live, reference, guess, *_):
+        ranges.append(np.linalg.norm(live, axis=1))
+        return guess
+
+    monkeypatch.setattr("pcdbench_tasks.tracking.register", register)
+    for noise_m in (0.0, 0.01):
+        evaluated(half_room, half_room.cloud, steps=1, walks=1, noise_m=noise_m)
+    assert (ranges[1] - ranges[0]).std() == pytest.approx(0.01, rel=0.1)
+
+
+def test_of_several_walks_the_one_is_taken_whose_weakest_view_is_firmest(half_room, monkeypatch):
+    walks = iter([np.full((4, 4, 4), number) for number in range(3)])
+    firmness = {0: [0.9, 0.0], 1: [0.3, 0.3], 2: [0.2, 0.8]}
+    place = scanned(half_room.scene)
+    monkeypatch.setattr(Tracking, "_walk_poses", lambda *_: next(walks))
+    monkeypatch.setattr(place, "firmness", lambda poses, *_: np.array(firmness[int(poses[0, 0, 0])]), raising=False)
+    chosen = Tracking(Tracking.Options(walks=3))._true_poses(place, np.random.default_rng(0))
+    assert (chosen == 1).all()
+
+
 def test_figures(half_room):
     task = Tracking(Tracking.Options(steps=4))
     frame = []
