@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from completer_cases import SIZE_M, box_room, chamfer, far_from, random_box_room
 from pcdbench_completers.plane_fitting import PlaneFitting
-from pcdbench_completers.planes import planes
+from pcdbench_completers.plane_raster import PlaneRaster
+from pcdbench_completers.planes import Plane, planes
 
 from pcdbench import PointCloud
 
@@ -41,6 +42,24 @@ def test_holes_of_a_box_room_are_filled_up_to_the_walls_and_not_beyond(centers):
     new = result.points[len(cut) :]
     assert (new > -0.15).all() and (new < SIZE_M + 0.15).all()
     assert len(new) == pytest.approx(len(room) - len(cut), rel=0.35)
+
+
+@pytest.mark.parametrize(("lowest_m", "ends"), [(0.0, True), (0.8, True), (1.6, False)])
+def test_a_plane_ends_at_another_one_that_has_points_nearby(lowest_m, ends):
+    """A floor up to x = 2 m, and a wall at x = 3 m, of which nothing lower was seen: the floor goes on up to it."""
+    x, y = np.meshgrid(np.arange(0.05, 2, 0.1), np.arange(0.05, 4, 0.1))
+    floor = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    wall = np.stack([np.full(x.size, 3.0), y.ravel(), x.ravel() + lowest_m], axis=1)
+    points = np.concatenate([floor, wall])
+    normals, offsets = np.array([[0.0, 0, 1], [1.0, 0, 0]]), (0.0, 3.0)
+    rasters = [
+        PlaneRaster.around(Plane(normal, offset, rows), points, 0.1, 2.0, np.array([1.0, 0, 0]))
+        for normal, offset, rows in zip(normals, offsets, np.split(np.arange(len(points)), 2), strict=True)
+    ]
+    limits = {"reach_m": 1.5, "support_m": 1.0, "min_enclosed": 0.75, "min_own": 0.3, "one_side": 0.97}
+    filled = rasters[0].places(rasters[0].gaps(rasters[1:], points, **limits))
+    between = (np.abs(filled[:, :2] - [2.5, 2.0]) < [0.25, 0.95]).all(axis=1)
+    assert between.sum() == (5 * 19 if ends else 0) and filled[:, 0].max(initial=0) < 3.1
 
 
 def test_the_clumps_of_random_sampling_are_no_gaps():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pcdbench.leaderboard.ranks import FEWEST_SCENES, Tried, ranking
+from pcdbench.leaderboard.statistics import scene_weights
 
 
 def tried(values, start=0):
@@ -42,6 +43,16 @@ def test_the_value_of_a_difference_is_that_of_the_tables_statistics(scenes):
     for statistic, value in (("mean", np.mean), ("median", np.median)):
         ((its),) = ranking({"a": tried(scenes), "b": tried(other + 1)}, {}, "lower", statistic).differences
         assert its.difference.value == pytest.approx(value(scenes) - value(other + 1))
+
+
+def test_the_interval_of_one_pair_is_widened_for_its_few_scenes_as_students_t_is():
+    apart = np.array([0.3, -0.1, 0.5, 0.2, -0.4, 0.6])
+    (its,) = ranking({"a": tried(10 + apart), "b": tried([10.0] * 6)}, {}, "lower", "mean").differences
+    drawn = scene_weights(6) @ apart / 6
+    # Of 6 scenes a sample's spread is sqrt(6 / 5) times theirs, and t with 5 degrees of freedom 2.571 for 1.960.
+    half = np.quantile(np.abs(drawn - apart.mean()), 0.95) * np.sqrt(6 / 5) * 2.570582 / 1.959964
+    value = apart.mean()
+    assert (its.difference.low, its.difference.high) == pytest.approx((value - half, value + half), rel=1e-6)
 
 
 def test_with_few_scenes_nobody_is_told_apart():

@@ -21,6 +21,13 @@ def test_samples_of_all_cases_are_pooled():
     assert line["median_low"] <= 2.5 <= line["median_high"]
 
 
+def test_the_share_that_was_missing_is_the_mean_of_the_cases_that_tell_it():
+    shares = {"x": 0.2, "y": 0.5, "z": None}
+    rows = [result_row("a", [1.0], scene=scene) | {"missing": share} for scene, share in shares.items()]
+    (line,) = records(summarize([*rows, result_row("a", [1.0], scene="w")]))
+    assert line["missing"] == pytest.approx(0.35) and line["cases"] == 4
+
+
 def test_failed_timed_out_and_skipped_cases_are_counted_not_averaged():
     rows = [
         result_row("a", [1.0], scene="x"),

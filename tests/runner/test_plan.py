@@ -74,6 +74,18 @@ def test_folder_is_the_same_for_the_same_command_only():
     assert plan(replace(TINY, seed=1)).folder_name != plan(TINY).folder_name
 
 
+def test_levels_are_taken_once_and_in_order():
+    assert plan(replace(TINY, levels=[0.5, 0.1, 0.5])).levels == (0.1, 0.5)
+
+
+def test_changed_code_is_another_run_of_the_same_cells():
+    planned = plan(TINY)
+    *others, last = planned.completers
+    changed = replace(planned, completers=(*others, replace(last, code="changed")))
+    assert changed.folder_name != planned.folder_name
+    assert [cell.key for cell in changed.cells] == [cell.key for cell in planned.cells]
+
+
 def test_all_leaves_out_what_cannot_be_loaded_with_its_reason():
     planned = plan(replace(TINY, completers=["all"]))
     assert "No module named" in planned.left_out["tiny_missing"]

@@ -104,8 +104,8 @@ def test_a_place_behind_a_board_is_not_in_sight_and_one_far_off_not_near():
 
 def test_the_map_is_what_shows_from_the_reference_and_live_ranges_are_noisy(half_room, monkeypatch):
     place = scanned(half_room.scene)
-    y, z = (np.arange(-20, 20)[:, None] * 0.05 + np.zeros(40) for _ in range(2))
-    board = np.stack([np.ones(1600), y.ravel(), z.T.ravel()], axis=1)
+    y, z = np.meshgrid(np.arange(-20, 20) * 0.05, np.arange(-20, 20) * 0.05)
+    board = np.stack([np.ones(y.size), y.ravel(), z.ravel()], axis=1)
     lives, maps = [], []
 
     def register(live, reference, guess, *_):
@@ -118,8 +118,8 @@ def test_the_map_is_what_shows_from_the_reference_and_live_ranges_are_noisy(half
     for noise_m in (0.0, 0.01):
         evaluated(half_room, completed, locations=5, noise_m=noise_m)
     assert all(shown == pytest.approx(board, abs=1e-6) for shown in maps), "the second board is hidden"
-    noise = np.concatenate([np.linalg.norm(lives[5 + k], axis=1) - np.linalg.norm(lives[k], axis=1) for k in range(20)])
-    assert noise.std() == pytest.approx(0.01, rel=0.05)
+    exact, noisy = (np.linalg.norm(np.concatenate(scans), axis=1) for scans in (lives[:5], lives[5:]))
+    assert (noisy - exact).std() == pytest.approx(0.01, rel=0.05)
 
 
 def test_live_headings_differ_by_at_most_the_option(half_room):
