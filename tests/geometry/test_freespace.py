@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from pcdbench.errors import Skipped
 from pcdbench.geometry.freespace import (
     BODY_RADIUS_M,
+    CELL_M,
     FreeSpace,
     floor_height,
     free_space,
@@ -85,6 +86,21 @@ def test_points_on_a_triangle_lie_on_it_and_leave_no_gap(numbers):
     plane = np.cross(u, v)
     if np.linalg.norm(plane) > 1e-3:
         assert np.abs((points - start) @ plane / np.linalg.norm(plane)).max() < 1e-9
+
+
+def test_corners_are_rounded_no_more_than_the_clearance_allows():
+    """A corner in a band of 20 cm in which a body has room: a Gaussian of 40 cm leaves it, one of 20 cm does not."""
+    steps = np.arange(0.5, 2.5, 0.01)
+    path = np.concatenate([np.stack([steps, steps * 0 + 0.5], 1), np.stack([steps * 0 + 2.5, steps], 1)])
+    x, y = np.meshgrid(*(2 * [(np.arange(60) + 0.5) * CELL_M]), indexing="ij")
+    band = np.minimum(np.abs(x - 2.5), np.abs(y - 0.5)) < 0.1
+    space = FreeSpace(np.zeros(2), band, np.where(band, 0.3, 0.2), 0.0)
+    smooth = space._smoothed(path)
+    assert space.clearance_at(smooth).min() == 0.3
+    # Each coordinate's ramp is cut by sigma / sqrt(2 pi).
+    assert np.abs(smooth - path).max() == pytest.approx(0.2 / np.sqrt(2 * np.pi), abs=0.01)
+    nowhere = FreeSpace(np.zeros(2), band, np.full(band.shape, 0.2), 0.0)
+    assert (nowhere._smoothed(path) == path).all()
 
 
 def test_headings_look_where_the_path_goes_and_hold_at_its_end():

@@ -30,6 +30,14 @@ def test_surfels_of_a_plane_lie_in_it_and_close_it():
     assert (directions * hits.range_m[:, None])[:, 0] == pytest.approx(2.0, abs=1e-4)
 
 
+def test_a_stray_point_has_a_disk_of_at_most_three_times_the_others():
+    points = np.concatenate([plane(2.0, 1.0), [[2.0, 5.0, 0.0]]])
+    corners = surfel_mesh(points)[0].reshape(-1, 6, 3) - points[:, None]
+    radius = np.linalg.norm(corners, axis=2)
+    # The third nearest on a grid of 5 cm is as near as the first.
+    assert np.median(radius) == pytest.approx(0.05) and radius[-1] == pytest.approx(3 * 0.05)
+
+
 @pytest.mark.parametrize("count", [0, 1, 3])
 def test_a_handful_of_points_hide_nothing(count):
     points = plane(2.0, 1.0)[:count]
@@ -54,14 +62,25 @@ def test_a_pose_is_held_by_three_walls_and_by_nothing_less():
     wall = plane(2.0, 9.0, spacing=0.2)
     side, floor = wall[:, [1, 0, 2]], wall[:, [1, 2, 0]] * [1, 1, -1]
 
-    def firmness(*planes):
+    def firmness(*planes, lower=-20.0):
         place = object.__new__(ScannedScene)  # planes alone: there is nowhere to stand
-        place.raycaster, place.lower, place.upper = SurfelCloud(np.concatenate(planes)).raycaster, -20.0, 20.0
+        place.raycaster, place.lower, place.upper = SurfelCloud(np.concatenate(planes)).raycaster, lower, 20.0
         return place.firmness(np.eye(4)[None], directions, 10.0)[0]
 
     assert firmness(wall) == pytest.approx(0.0, abs=1e-3)
     assert firmness(wall, side) == pytest.approx(0.0, abs=1e-3)
     assert firmness(wall, side, floor) > 0.05
+    assert firmness(wall, side, floor, lower=-1.0) == pytest.approx(0.0, abs=1e-3), "the floor is out of bounds"
+
+
+def test_the_sensor_is_held_lower_where_the_scene_ends_below_a_persons_height():
+    x, y = np.meshgrid(np.arange(0, 2.01, 0.05), np.arange(0, 2.01, 0.05))
+    floor = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    for height_m, sensor_m in ((0.95, 0.78), (2.45, 1.4)):
+        cloud = PointCloud(np.concatenate([floor, [[0.0, 0.0, height_m]]]))
+        # The margin of the bounds is 5 cm.
+        place = ScannedScene(Scene("low", cloud, cloud, np.arange(len(cloud))))
+        assert place.center[2] == place.sensor_height_m == pytest.approx(sensor_m)
 
 
 def test_what_surfels_hide_is_what_the_mesh_hides(room):

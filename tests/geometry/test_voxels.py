@@ -65,6 +65,11 @@ def test_the_edge_follows_the_density():
     assert edge_from_density(points * 3, 4.0) == pytest.approx(1.2)
 
 
+def test_a_point_that_is_there_twice_is_no_neighbour_of_its_own():
+    row = np.arange(5.0)[:, None] * [2.0, 0, 0]
+    assert median_spacing(np.concatenate([row, row, row[:3]])) == 2.0
+
+
 def test_the_edge_of_a_cloud_of_tight_pairs_is_bounded():
     rng = np.random.default_rng(0)
     points = rng.random((500, 3)) * 10
