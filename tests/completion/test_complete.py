@@ -348,3 +348,16 @@ def test_a_neighbouring_tile_that_sees_nothing_there_halves_the_confidence():
     (one, two), (disputed, agreed) = zip(*(spotted(0.2, right_m) for right_m in (None, 0.21)), strict=True)
     assert one == pytest.approx(two) and len(one) == 1
     assert agreed <= 1 and disputed / agreed == pytest.approx(0.5, rel=1e-5)
+
+
+def test_what_lies_a_tenth_of_the_extent_outside_is_not_added():
+    class Beyond(Completer):
+        def complete(self, cloud, rng):
+            (low, _, floor), (high, *_) = cloud.points.min(axis=0), cloud.points.max(axis=0)
+            off = np.array([[high + 0.3, 0, floor], [high + 0.5, 0, floor], [low - 0.5, 0, floor], [0, 0, floor + 0.5]])
+            return PointCloud(np.concatenate([cloud.points, off]))
+
+    steps = np.arange(0, 4.01, 0.1)
+    floor = np.stack(np.meshgrid(steps, steps, [0.0]), axis=-1).reshape(-1, 3)
+    added = pcdbench.complete(PointCloud(floor), Beyond(), tile_m=8.0).added_cloud.points
+    np.testing.assert_allclose(added, [[4.3, 4.0, 0.0]], atol=1e-3)

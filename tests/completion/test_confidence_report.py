@@ -224,3 +224,12 @@ def test_the_folder_that_cannot_be_written_is_named(planted, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(pcdbench.PcdbenchError, match="the report cannot be written"):
         write_report(planted, tmp_path / "file", "a", "b")
+
+
+def test_open_gaps_and_surface_count_once_whatever_the_tiles():
+    floor = plane(0.1, 8.0)
+    floor = floor[(floor[:, 1] < 4) & (np.linalg.norm(floor - [4, 2, 0], axis=1) > 0.6)]
+    one, two = (pcdbench.complete(PointCloud(floor), Idle(), tile_m=tile_m) for tile_m in (20.0, 4.0))
+    assert (one.tiles, two.tiles) == (1, 2)
+    assert two.rims_m2.sum() == pytest.approx(one.rims_m2.sum(), rel=0.05)
+    assert two.surface_m2 == pytest.approx(one.surface_m2, rel=0.02) and one.surface_m2 == pytest.approx(31, rel=0.05)
