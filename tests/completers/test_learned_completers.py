@@ -100,6 +100,24 @@ def test_nothing_is_added_beyond_the_walls_and_the_ceiling(room):
         assert len(added) < 0.05 * len(room)
 
 
+def test_a_floor_without_walls_is_filled_and_does_not_go_on_beyond_its_edge():
+    x, y = np.meshgrid(np.arange(0, 8.01, 0.1), np.arange(0, 4.01, 0.1))
+    floor = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    observed = floor[(floor[:, 0] <= 4) & (np.linalg.norm(floor - [2.0, 2.0, 0.0], axis=1) > 0.8)]
+    added = merged(PointCloud(observed), PointCloud(floor), 3.0, rng()).points[len(observed) :]
+    assert len(added) > 50 and np.linalg.norm(added - [2.0, 2.0, 0.0], axis=1).max() < 0.8
+
+
+def test_how_far_off_a_found_point_lies_is_measured_along_the_surface():
+    def plate(spacing_m, height_m):
+        steps = np.arange(0, 4.01, spacing_m)
+        return np.stack(np.meshgrid(steps, steps, [height_m]), axis=3).reshape(-1, 3)
+
+    room = PointCloud(np.concatenate([plate(0.1, 0.0), plate(0.1, 1.0)]))
+    # Two and a half spacings above the floor, and so sparse that it could pass for the floor itself.
+    assert len(merged(room, PointCloud(plate(0.3, 0.25)), 2.0, rng())) == len(room)
+
+
 def test_a_found_point_that_has_no_others_beside_it_is_not_added():
     hole = np.array([3.0, 2.0, 0.0])
     room = far_from(box_room(8000), [hole.tolist()], 1.0)

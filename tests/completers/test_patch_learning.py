@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pcdbench_completers.deeppcd.color_trainee import PAINTED, ColorTrainee
 from pcdbench_completers.deeppcd.completer import DeepPCDOptions
-from pcdbench_completers.deeppcd.trainee import DeepPCDTrainee
+from pcdbench_completers.deeppcd.trainee import NEIGHBORHOODS, DeepPCDTrainee
 from pcdbench_completers.foldingnet.trainee import FoldingNetTrainee
 from pcdbench_completers.patch_truth import distances_by_patch, evenly, true_patches
 from pcdbench_completers.patches import Patches
@@ -154,6 +154,26 @@ def test_a_few_steps_on_one_pair_lower_its_loss(name, pair):
         optimizer.step()
         values.append(losses[term].item())
     assert min(values[-3:]) < 0.8 * values[0]
+
+
+def test_deeppcds_loss_computed_by_hand():
+    """One patch of half the cloud's size, one point; all that is true lies at the origin and faces (0, 0.6, 0.8)."""
+    planes, patches, points = torch.tensor([[[0, 0, 0.1]]]), torch.tensor([[[0, 0.2, 0]]]), torch.tensor([[0.3, 0, 0]])
+    turns = 2 * torch.eye(3)[None, None]
+    made = dict.fromkeys(["points", "cells", "low", "chosen", *NEIGHBORHOODS])
+    made |= {"scale": torch.tensor(0.5), "truth": torch.zeros(1, 3), "patch_truth": torch.zeros(1, 3)}
+    made |= {"patch_of": torch.tensor([0]), "normals": torch.tensor([[[0, 0.6, 0.8]]])}
+    losses = TRAINEES["deeppcd"].loss(lambda *_: (planes, patches, points, turns), made)
+    expected = {
+        "cloud": 2 * 0.3**2 / 0.5**2,
+        "patch": 2 * 0.2**2,
+        "plane": 2 * 0.1**2,
+        "turn": 3 * (1 - 2**2) ** 2,
+        "face": 1 - 0.8**2,
+    }
+    assert {name: float(losses[name]) for name in expected} == pytest.approx(expected, rel=1e-5)
+    weights = {"cloud": 1.0, "patch": 0.5, "plane": 0.5, "turn": 0.001, "face": 0.02}
+    assert float(losses["loss"]) == pytest.approx(sum(weights[name] * expected[name] for name in weights), rel=1e-5)
 
 
 def test_the_discriminator_learns_at_half_the_rate():

@@ -213,6 +213,25 @@ def test_a_batch_counts_what_its_examples_count() -> None:
     assert float(losses["both"][0]["color"]) == pytest.approx(float(losses["each"][0]["color"]), rel=0.05)
 
 
+def test_a_loss_computed_by_hand() -> None:
+    """Everywhere odds of three to one for surface: 2 empty, 1 occupied, 2 and 1 beside observed ones, 2 observed."""
+    state = torch.tensor([0, 0, 1, 2, 2, 3, 4, 4], dtype=torch.uint8).view(1, 2, 2, 2)
+    out = torch.zeros(1, OUTPUTS, 2, 2, 2)
+    out[:, 0] = np.log(3)
+    example = {
+        "features": torch.zeros(1, CHANNELS, 1, 1, 1),
+        "state": state,
+        "at": torch.tensor([[0, 0, 1, 0], [0, 1, 0, 1]]),
+        "offsets": torch.full((2, 3), 0.1),
+        "colors": torch.full((1, 3), 0.25),
+        "colored": torch.tensor([True, False]),
+    }
+    losses = VoxelUNetTrainee().loss(lambda _: out, example)
+    entropy = (1 + 0.25) * (2 * np.log(4) + np.log(4 / 3)) / 6
+    assert float(losses["entropy"]) == pytest.approx(entropy, rel=1e-6)
+    assert float(losses["loss"]) == pytest.approx(10 * entropy + 0.1 + 0.25, rel=1e-6)
+
+
 def flat_prediction(spacing: float, noise: float, seed: int = 0) -> tuple[PointCloud, Prediction, NDArray[np.float64]]:
     """A floor of 4 x 4 m with a square hole of 2 x 2 m, and sub-voxels predicted in it with noisy heights."""
     rng = np.random.default_rng(seed)
