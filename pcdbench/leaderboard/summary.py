@@ -87,17 +87,21 @@ def reasons(rows: Iterable[Mapping[str, Any]]) -> list[str]:
 
     Reasons that differ only in a scene's name and in numbers are one, told by its first example.
     """
-    found: dict[tuple[bool, str, str, str], list[Mapping[str, Any]]] = {}
+    found: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         if row["status"] != "ok":
             pattern = re.sub(r"[\d.,]+", "#", str(row["error"]).replace(row["scene"], "SCENE"))
-            key = (row["status"] == "skipped", row["status"], row["completer"]["name"], pattern)
-            found.setdefault(key, []).append(row)
-    lines = []
-    for (_, status, completer, _), its in sorted(found.items(), key=lambda item: item[0][0]):
+            found.setdefault((row["status"], row["completer"]["name"], pattern), []).append(row)
+    # A scene that nobody can open fails for all alike.
+    alike: dict[tuple[str, str, tuple[str, ...]], list[Mapping[str, Any]]] = {}
+    for (status, _, _), its in found.items():
         tasks = ", ".join(sorted({row["task"]["name"] for row in its}))
-        alike = len({row["error"] for row in its}) > 1
-        lines.append(f"{len(its)} {status}: {completer} on {tasks}: {its[0]['error']}{' (and alike)' if alike else ''}")
+        alike.setdefault((status, tasks, tuple(sorted({row["error"] for row in its}))), []).extend(its)
+    lines = []
+    for (status, tasks, errors), its in sorted(alike.items(), key=lambda item: item[0][0] == "skipped"):
+        completers = ", ".join(dict.fromkeys(row["completer"]["name"] for row in its))
+        more = " (and alike)" if len(errors) > 1 else ""
+        lines.append(f"{len(its)} {status}: {completers} on {tasks}: {its[0]['error']}{more}")
     return lines
 
 

@@ -93,6 +93,19 @@ def test_names_cannot_break_a_markdown_table():
     assert "a\\|b" in page
 
 
+def test_a_reason_of_several_completers_is_told_once():
+    lost = [
+        result_row(completer, [], scene="room1", task=task, status="failed", error="room1.ply is empty")
+        for completer in ("a", "b")
+        for task in ("one", "two")
+    ]
+    other = result_row("c", [], scene="room1", task="one", status="failed", error="room1.ply is empty")
+    assert reasons([*lost, other]) == [
+        "4 failed: a, b on one, two: room1.ply is empty",
+        "1 failed: c on one: room1.ply is empty",
+    ]
+
+
 def test_reasons_are_counted_failures_first_and_alike_ones_once():
     rows = [
         result_row("a", [], scene=f"room{n}", status="skipped", error=f"room{n} has {n} points") for n in range(3)
