@@ -64,11 +64,11 @@ def absolute_errors(true: Pose, estimated: Pose) -> tuple[NDArray[np.float64], N
     return np.linalg.norm(difference[:, :3, 3], axis=1), rotation_angles_deg(difference[:, :3, :3])
 
 
-def relative_errors(true: Pose, estimated: Pose, delta: int = 1) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Relative trajectory error over `delta` steps: (N - delta,) metres and degrees.
+def relative_errors(true: Pose, estimated: Pose) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Relative trajectory error of each step: (N - 1,) metres and (N - 1,) degrees.
 
     Sturm et al., "A Benchmark for the Evaluation of RGB-D SLAM Systems" (IROS 2012), equation 1.
     """
-    true_motion = inverse(true[:-delta]) @ true[delta:]
-    estimated_motion = inverse(estimated[:-delta]) @ estimated[delta:]
+    true_motion = inverse(true[:-1]) @ true[1:]
+    estimated_motion = inverse(estimated[:-1]) @ estimated[1:]
     return absolute_errors(true_motion, estimated_motion)

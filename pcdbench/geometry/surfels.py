@@ -21,12 +21,10 @@ _ANGLES = np.arange(6) * (np.pi / 3)
 _FAN = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
 
 
-def surfel_mesh(
-    points: NDArray[np.float64], radius_factor: float = 1.0
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def surfel_mesh(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (6N, 3) and triangles (4N, 3) of one hexagon a point, tangent to the local surface.
 
-    The normal is the direction of least spread of the nearest points; the radius is `radius_factor` times the
+    The normal is the direction of least spread of the nearest points; the radius is the
     distance to the third nearest point, at most three times the cloud's median of it, so that sparse regions stay
     closed and holes stay open.
 
@@ -43,7 +41,7 @@ def surfel_mesh(
     spread = spread - spread.mean(axis=1, keepdims=True)
     _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", spread, spread))
     third = distances[:, min(3, count - 1)]
-    radius = radius_factor * np.minimum(third, 3 * np.median(third))
+    radius = np.minimum(third, 3 * np.median(third))
     corners = (
         np.cos(_ANGLES)[None, :, None] * axes[:, None, :, 2] + np.sin(_ANGLES)[None, :, None] * axes[:, None, :, 1]
     )

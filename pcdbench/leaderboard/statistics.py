@@ -77,9 +77,9 @@ def resampled(
 
 
 @lru_cache(maxsize=8)
-def scene_weights(count: int, resamples: int = RESAMPLES) -> NDArray[np.int32]:
-    """(resamples, count) how often each scene is in each resample; the same for all that have these scenes."""
-    drawn = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), size=resamples)
+def scene_weights(count: int) -> NDArray[np.int32]:
+    """(RESAMPLES, count) how often each scene is in each resample; the same for all that have these scenes."""
+    drawn = np.random.default_rng(_SEED).multinomial(count, np.full(count, 1 / count), size=RESAMPLES)
     return drawn.astype(np.int32)
 
 
@@ -91,7 +91,7 @@ def _float_weights(count: int) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=2)
 def _weights_by_scene(count: int) -> NDArray[np.int16]:
-    """(count, resamples) `scene_weights` with each scene's in one piece, for adding up those of many samples."""
+    """(count, RESAMPLES) `scene_weights` with each scene's in one piece, for adding up those of many samples."""
     return np.ascontiguousarray(scene_weights(count).T.astype(np.int16))
 
 

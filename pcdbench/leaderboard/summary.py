@@ -1,4 +1,4 @@
-"""What rows add up to: one line a (task, metric, incompleteness, level, completer), and paired differences."""
+"""What rows add up to: one line a (task, metric, incompleteness, level, completer)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from pcdbench.incompleteness import MEASURED
-from pcdbench.leaderboard.statistics import Estimate, estimates, mean_estimate
+from pcdbench.leaderboard.statistics import estimates
 from pcdbench.runner.rows import cost_measured
 
 GROUP = ["task", "metric", "incompleteness", "level", "completer"]
@@ -55,23 +55,6 @@ def summarize(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     for row in rows:
         tally.add(row)
     return tally.summary()
-
-
-def paired_difference(table: pd.DataFrame, completer: str, other: str) -> Estimate | None:
-    """Mean of `completer` less that of another one, paired by case, with its interval; None without common cases.
-
-    Args:
-        table: lines of one task and metric of `samples_table`; each case counts with its mean sample.
-    """
-    lines = table[table["completer"].isin([completer, other]) & (table["samples"].map(len) > 0)]
-    cases, index = pd.MultiIndex.from_frame(lines[CASE]).factorize(sort=True)
-    means = np.full((2, len(index)), np.nan)
-    means[(lines["completer"] == other).astype(int), cases] = [samples.mean() for samples in lines["samples"]]
-    difference = means[0] - means[1]
-    common = ~np.isnan(difference)
-    if not common.any():
-        return None
-    return mean_estimate(difference[common], index.codes[CASE.index("scene")][common])
 
 
 def case_means(table: pd.DataFrame, completer: str) -> pd.Series:

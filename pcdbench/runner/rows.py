@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 Row = dict[str, Any]
 
-# What may differ between two rows of one key: they say where and how fast it was computed, not what came out.
-CIRCUMSTANCES = ("completing", "evaluating", "device", "threads", "host", "time", "detail", "output")
-
 
 def new_row(base: Mapping[str, Any], cell: Cell, task: Plugin) -> Row:
     """A row of this cell and task with nothing measured yet; `base` overrides where it says more."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from outcomes_for_tests import outcomes
 from typer.testing import CliRunner
 
 from pcdbench.cli import app
@@ -19,7 +20,6 @@ from pcdbench.cloud import PointCloud
 from pcdbench.leaderboard.figures import write_case_picture
 from pcdbench.leaderboard.results import rows_of_run
 from pcdbench.runner.plan import Request, plan
-from pcdbench.runner.rows import CIRCUMSTANCES
 
 COMMAND = [sys.executable, "-c", "from pcdbench.cli import main; main()"]
 TINY = ["--dataset", "tiny", "--incompleteness", "slab", "--jobs", "1"]
@@ -44,7 +44,7 @@ def run(tmp_path, tiny_plugins, monkeypatch):
 def outcome(folder: Path) -> dict:
     rows = [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
     assert len({row["key"] for row in rows}) == len(rows), "no cell ran twice"
-    return {row["key"]: {name: value for name, value in row.items() if name not in CIRCUMSTANCES} for row in rows}
+    return outcomes(rows)
 
 
 def started(folder: Path, tmp_path: Path, rows: int) -> subprocess.Popen:

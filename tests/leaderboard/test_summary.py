@@ -5,7 +5,7 @@ import pytest
 from rows_for_tests import result_row
 
 from pcdbench.leaderboard.render import markdown, number, records, summary_tables
-from pcdbench.leaderboard.summary import paired_difference, reasons, samples_table, summarize
+from pcdbench.leaderboard.summary import reasons, summarize
 
 
 def test_samples_of_all_cases_are_pooled():
@@ -61,18 +61,6 @@ def test_the_order_of_rows_changes_nothing():
 def test_rows_are_looked_at_once():
     rows = [result_row(name, [1.0, 2.0], scene=scene) for scene in "xy" for name in "ab"]
     assert records(summarize(iter(rows))) == records(summarize(rows))
-
-
-def test_differences_are_paired_by_case():
-    rng = np.random.default_rng(0)
-    hard = rng.gamma(1.0, 10.0, size=30)
-    rows = [result_row("a", [base, base + 2], scene=str(scene)) for scene, base in enumerate(hard)]
-    rows += [result_row("b", [base + 1.5 + rng.normal(scale=0.1)], scene=str(scene)) for scene, base in enumerate(hard)]
-    rows += [result_row("b", [1e6], scene="a never saw this")]
-    difference = paired_difference(samples_table(rows), "b", "a")
-    assert difference.value == pytest.approx(0.5, abs=0.1)
-    assert 0.3 < difference.low < difference.high < 0.7, "though the cases differ by tens"
-    assert paired_difference(samples_table(rows), "b", "c") is None
 
 
 @pytest.mark.parametrize(("direction", "best"), [("lower", "a"), ("higher", "b")])

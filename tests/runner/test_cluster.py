@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from outcomes_for_tests import outcomes
 from typer.testing import CliRunner
 
 from pcdbench.cli import app
@@ -21,8 +22,7 @@ from pcdbench.runner import cluster_worker
 from pcdbench.runner.cluster import DaskCluster, dask_cluster
 from pcdbench.runner.jobs import Job, Limits
 from pcdbench.runner.plan import Plan, Request, plan
-from pcdbench.runner.rows import CIRCUMSTANCES
-from pcdbench.runner.run import Run, carry_out, local_processes
+from pcdbench.runner.run import carry_out, local_processes
 from pcdbench.testing import small_room
 
 FOLDER = Path(__file__).parents[1] / "counted"
@@ -60,11 +60,6 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
 
 
-def outcome(run: Run) -> dict:
-    """Rows by key, without what may differ between machines."""
-    return {row["key"]: {name: value for name, value in row.items() if name not in CIRCUMSTANCES} for row in run.rows}
-
-
 def jobs_of(planned: Plan) -> list[Job]:
     return [Job(cell, planned.tasks) for cell in planned.cells]
 
@@ -85,15 +80,15 @@ def test_one_worker_two_workers_and_dask_give_the_same_values_bit_for_bit(
     )
     planned = plan(request)
     places = {"one": local_processes(1), "two": local_processes(2), "dask": two_workers}
-    outcomes = {}
+    found = {}
     for name, place in places.items():
         with pytest.MonkeyPatch.context() as patch:
             patch.setenv("PCDBENCH_CACHE", str(tmp_path / f"cache of {name}"))
             ended = carry_out(planned, tmp_path / name, place)
         assert not ended.failed
-        outcomes[name] = outcome(ended)
-    assert len(outcomes["one"]) == 2 * 5 * 3
-    assert outcomes["one"] == outcomes["two"] == outcomes["dask"]
+        found[name] = outcomes(ended.rows)
+    assert len(found["one"]) == 2 * 5 * 3
+    assert found["one"] == found["two"] == found["dask"]
 
 
 def test_models_are_loaded_once_a_worker_and_scenes_stay_with_theirs(two_workers: DaskCluster, tmp_path: Path) -> None:

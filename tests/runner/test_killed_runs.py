@@ -10,8 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-
-from pcdbench.runner.rows import CIRCUMSTANCES
+from outcomes_for_tests import outcomes
 
 # 50 moments are what is promised; these few are for every day.
 KILLS = int(os.environ.get("PCDBENCH_TEST_KILLS", "5"))
@@ -41,9 +40,7 @@ def rows(folder: Path) -> list[dict]:
 
 
 def outcome(folder: Path) -> dict:
-    return {
-        row["key"]: {name: value for name, value in row.items() if name not in CIRCUMSTANCES} for row in rows(folder)
-    }
+    return outcomes(rows(folder))
 
 
 def line_count(folder: Path) -> int:

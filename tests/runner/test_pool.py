@@ -3,21 +3,16 @@
 from dataclasses import replace
 
 import pytest
+from outcomes_for_tests import outcomes
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.runner.jobs import Job, JobQueue
 from pcdbench.runner.plan import Request, plan
 from pcdbench.runner.progress import RemainingTime, duration
-from pcdbench.runner.rows import CIRCUMSTANCES
 from pcdbench.runner.run import carry_out, local_processes
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 TINY = Request(["tiny_fill"], ["tiny_gap", "tiny_color"], "tiny", None, ["slab"], references=False)
-
-
-def outcome(rows):
-    """Rows by key, without what may differ between machines."""
-    return {row["key"]: {name: value for name, value in row.items() if name not in CIRCUMSTANCES} for row in rows}
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +26,7 @@ def test_any_number_of_workers_gives_the_same_rows(tmp_path, monkeypatch):
     monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache2"))
     together = carry_out(planned, tmp_path / "two", local_processes(2))
     assert len(alone.rows) == 3 * 3 * 4 * 2
-    assert outcome(alone.rows) == outcome(together.rows)
+    assert outcomes(alone.rows) == outcomes(together.rows)
     assert {row["completing"]["cached"] for row in together.rows} == {False}
     assert carry_out(planned, tmp_path / "two", local_processes(2)).new_cells == 0
 

@@ -31,14 +31,12 @@ class Crop:
 
     Attributes:
         dense: the merged scan.
-        pieces: (N,) the environment's piece that each dense point was measured on.
         complete_index: (20000,) rows of `dense`: blue noise.
         objects: the tagged objects that lie in the crop and were seen.
         survey: how it was scanned, for people.
     """
 
     dense: PointCloud
-    pieces: NDArray[np.int32]
     complete_index: NDArray[np.int64]
     objects: tuple[TaggedObject, ...]
     survey: str
@@ -66,8 +64,7 @@ def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
 
     index, exact_colors = at_once(sampling, scanned.colors)
     colors = np.rint(exact_colors * 255).astype(np.uint8).astype(np.float32) / np.float32(255)
-    pieces = scanned.pieces
-    seen = np.bincount(pieces[index], minlength=len(environment.poses))
+    seen = np.bincount(scanned.pieces[index], minlength=len(environment.poses))
     objects = tuple(
         tagged
         for tagged, piece in zip(environment.objects, environment.object_pieces, strict=True)
@@ -77,7 +74,7 @@ def _surveyed(environment: Environment, rng: np.random.Generator) -> Crop:
         how = f"hand-held depth camera, {len(survey.poses)} frames"
     else:
         how = f"{len(survey.poses)} scanner stations{'' if survey.ceiling else ', no ceiling'}"
-    return Crop(PointCloud(points, colors), pieces, index, objects, how)
+    return Crop(PointCloud(points, colors), index, objects, how)
 
 
 def _mostly_inside(tagged: TaggedObject, box: tuple[Floats, Floats]) -> bool:

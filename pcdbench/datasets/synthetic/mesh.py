@@ -82,17 +82,6 @@ class Mesh:
         """With `displaced(vertices)` in place of its vertices: bends, sags and tapers."""
         return replace(self, vertices=np.asarray(displaced(self.vertices), np.float64))
 
-    def with_material(self, name: str, tint: int) -> Mesh:
-        """All of it in one material.
-
-        Raises:
-            KeyError: there is no material of that name.
-        """
-        count = len(self.triangles)
-        return replace(
-            self, materials=np.full(count, material_id(name), np.int32), tints=np.full(count, int(tint), np.int64)
-        )
-
     def bounds(self) -> tuple[Floats, Floats]:
         """The lowest and the highest corner, each (3,) metres."""
         return self._bounds
@@ -104,11 +93,6 @@ class Mesh:
         low, high = columns.min(axis=1), columns.max(axis=1)
         low.flags.writeable = high.flags.writeable = False
         return low, high
-
-    def triangle_normals(self) -> Floats:
-        """(T, 3) outward unit normals."""
-        normals = np.stack(_edge_products(self.vertices, self.triangles), axis=1)
-        return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
 def _edge_products(vertices: Floats, triangles: NDArray[np.int64]) -> tuple[Floats, Floats, Floats]:
