@@ -27,8 +27,8 @@ def nearest(queries: NDArray[np.float64], points: NDArray[np.float64]) -> tuple[
 def median_spacing(points: NDArray[np.float64], at_most: int = 5000) -> float:
     """Median distance (metres) from a point to its nearest other point: the cloud's density in one number.
 
-    Measured at no more than `at_most` points, evenly picked. Duplicates do not count as neighbours; a cloud
-    with fewer than two distinct points has spacing 0.
+    Measured at every n-th point, and so at fewer than twice `at_most` of them. Duplicates do not count as neighbours;
+    a cloud with fewer than two distinct points has spacing 0.
     """
     if len(points) < 2:
         return 0.0
