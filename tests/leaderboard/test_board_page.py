@@ -4,7 +4,11 @@ import base64
 import hashlib
 import json
 import re
+import shutil
+import subprocess
 from html.parser import HTMLParser
+from importlib import resources
+from itertools import chain, combinations, product
 from typing import Any
 
 import numpy as np
@@ -239,3 +243,29 @@ def test_clouds_are_of_one_scene_at_every_level_and_rather_of_one_on_which_nothi
     assert len(cases) == 12 and {its.scene for its in cases} == {"office"}, "on the hall one completer failed"
     assert len({(its.data, its.incompleteness, its.level) for its in cases}) == 12
     assert len(list(shown_cases(board, 2))) == 24 and not list(shown_cases(board, 0))
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="no Node.js is installed (apt-get install nodejs)")
+def test_labels_of_a_figure_lie_neither_on_one_another_nor_on_marks_nor_outside() -> None:
+    marks = [(100, 290), (200, 280), (205, 268), (330, 262), (340, 285), (470, 288)]
+    labels = [{"x": x + 9, "y": y + 4, "end": False, "text": "a name of some size"[:18]} for x, y in marks[:4]]
+    labels += [{"x": x - 9, "y": y + 4, "end": True, "text": "at the right"} for x, y in marks[4:]]
+    labels += [{"x": 482, "y": y - 4, "end": True, "text": name} for y, name in ((290, "truth"), (286, "resample"))]
+    script = (resources.files("pcdbench.leaderboard") / "web" / "figures.js").read_text()
+    its = [{"x": x, "y": y} for x, y in marks]
+    script += f"console.log(JSON.stringify(apart({json.dumps(labels)}, {json.dumps(its)}, 26, 295)));"
+    done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, check=True, timeout=60)
+    told = json.loads(done.stdout)
+    assert [its["text"] for its in told] == [its["text"] for its in labels]
+    assert max(abs(its["y"] - wanted["y"]) for its, wanted in zip(told, labels, strict=True)) < 60
+    # A letter of 12.5 pixels is about six wide; a mark is five from its middle to its border.
+    widths = [6 * len(its["text"]) for its in told]
+    boxes = [
+        (its["x"] - width * its["end"], its["x"] + width * (not its["end"]), its["y"] - 10, its["y"] + 3)
+        for its, width in zip(told, widths, strict=True)
+    ]
+    assert all(top >= 26 and bottom <= 295 for _, _, top, bottom in boxes)
+    boxes += [(x - 5, x + 5, y - 5, y + 5) for x, y in marks]
+    named = combinations(boxes[: len(told)], 2), product(boxes[: len(told)], boxes[len(told) :])
+    for one, other in chain(*named):
+        assert one[1] <= other[0] or other[1] <= one[0] or one[3] <= other[2] or other[3] <= one[2], (one, other)

@@ -225,7 +225,14 @@ class Figures {
         },
       ];
     });
-    for (const { x, y, end, text } of [...apart(labels, 1), ...apart(across, -1)])
+    // Those beside marks come first: they say whose mark it is, and a line is told anywhere along it.
+    const told = apart(
+      [...labels, ...across],
+      rows.map(([its]) => its),
+      drawn.margin.top,
+      drawn.height - drawn.margin.bottom + 4,
+    );
+    for (const { x, y, end, text } of told)
       drawn.marks.append(svg("text", { class: "beside", x, y, "text-anchor": end ? "end" : "start" }, text));
     connectMarks(drawn, marksOf(rows), this);
   }
@@ -246,15 +253,28 @@ class Figures {
   }
 }
 
-/** Labels moved until none lies on another one: down (1) or up (-1). */
-function apart(labels, way) {
-  const placed = [];
-  for (const its of labels.sort((a, b) => way * (a.y - b.y))) {
-    for (const other of placed)
-      if (Math.abs(other.x - its.x) < 130 && way * (its.y - other.y) < 14) its.y = other.y + 14 * way;
-    placed.push(its);
+const LETTER = 6.8; // pixels, a little more than the mean letter of a label
+
+/** Labels moved up or down, as little as will do, until none lies on another, on a mark or outside of [top, bottom]. */
+function apart(labels, marks, top, bottom) {
+  const taken = marks.map(({ x, y }) => ({ left: x - 7, right: x + 7, top: y - 7, bottom: y + 7 }));
+  for (const its of labels) {
+    const width = LETTER * its.text.length,
+      left = its.end ? its.x - width : its.x;
+    const boxAt = (y) => ({ left, right: left + width, top: y - 11, bottom: y + 3 });
+    const free = (box) =>
+      box.top >= top &&
+      box.bottom <= bottom &&
+      !taken.some((o) => box.left < o.right && o.left < box.right && box.top < o.bottom && o.top < box.bottom);
+    for (let step = 0; step < bottom - top; step++) {
+      const y = [its.y + step, its.y - step].find((one) => free(boxAt(one)));
+      if (y === undefined) continue;
+      its.y = y;
+      break;
+    }
+    taken.push(boxAt(its.y));
   }
-  return placed;
+  return labels;
 }
 
 const short = (name) => (name.length > 18 ? `${name.slice(0, 17)}…` : name);
