@@ -267,6 +267,19 @@ def test_added_points_are_a_thin_even_layer_as_dense_as_the_observed_ones() -> N
     assert (confidence == np.float32(0.9)).all()
 
 
+def test_a_tile_asks_of_its_middle_what_was_not_observed_and_may_be_likely_enough() -> None:
+    tile = (tiles._Span((10, 16), (12, 14)), tiles._Span((0, 1), (0, 1)), tiles._Span((0, 1), (0, 1)))
+    occupancy = torch.full((12, 2, 2), 0.21)
+    occupancy[5] = 0.19
+    observed = np.array([6 * 4 + 1])
+    # Three of 0.2 each pass 1 - 0.8^3 = 0.488 together, just.
+    asked = tiles._may_be_surface(occupancy, 0.488, observed, tile)
+    expected = torch.zeros(12, 2, 2, dtype=torch.bool)
+    expected[[4, 6, 7]] = True
+    expected[6, 0, 1] = False
+    assert torch.equal(asked, expected)
+
+
 def test_surface_is_the_likeliest_of_three_in_a_row_across_it() -> None:
     occupancy = torch.from_numpy(np.random.default_rng(0).uniform(size=(4, 5, 6)).astype(np.float32)) ** 4
     at = torch.ones_like(occupancy).nonzero()
@@ -315,6 +328,24 @@ def test_probabilities_follow_how_much_is_missing() -> None:
         [MAX_SHIFT / (MAX_SHIFT + 4), 4 * MAX_SHIFT / (4 * MAX_SHIFT + 1)], abs=1e-3
     )
     assert len(adjusted(0)) == 0
+
+
+@pytest.mark.parametrize(("says", "meant"), [(0.9, 0.75), (0.5, None)])
+def test_of_a_small_hole_the_network_is_believed_a_third(
+    says: float, meant: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Odds of 9 to 1 are 3 to 1 then; those of 1 to 1 fall below the threshold."""
+    axis = np.arange(0, 4.01, 0.1)
+    floor = np.stack(np.meshgrid(axis, axis, [0.0]), axis=-1).reshape(-1, 3)
+    cloud = with_hole(PointCloud(floor - floor.mean(axis=0)), (0.0, 0.0, 0.0), 0.8)
+    side = np.arange(-2, 3) * 0.09
+    places = np.stack(np.meshgrid(side, side, [0.0]), axis=-1).reshape(-1, 3)
+    found = Prediction(places, np.full(25, says, np.float32), np.zeros((25, 3), np.float32), np.full(25, 2, np.int8))
+    monkeypatch.setattr("pcdbench_completers.voxel_unet.completer.predict", lambda *_: found)
+    completer = VoxelUNetCompleter(network=VoxelUNet())
+    completed, confidence = completer.complete_with_confidence(cloud, np.random.default_rng(0))
+    assert (len(completed) > len(cloud)) == (meant is not None)
+    assert confidence[len(cloud) :] == pytest.approx(meant or 0.0)
 
 
 def test_colours_are_those_of_observed_surface_beside_it_and_the_networks_far_off() -> None:
