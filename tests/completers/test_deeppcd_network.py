@@ -5,6 +5,7 @@ import pytest
 import torch
 from completer_cases import box_room, far_from
 from pcdbench_completers.deeppcd.color import ColorNetwork
+from pcdbench_completers.deeppcd.inference import painted
 from pcdbench_completers.deeppcd.neighborhoods import NEIGHBORS, Neighborhoods, farthest
 from pcdbench_completers.deeppcd.network import (
     DeepPCDNetwork,
@@ -17,6 +18,8 @@ from pcdbench_completers.deeppcd.network import (
 from pcdbench_completers.layers import SplitLinear, Standardized, neighbor_max
 from pcdbench_completers.patch_neighbors import within
 from pcdbench_completers.patches import Patches
+
+from pcdbench.training.precision import bfloat16_pays
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +83,19 @@ def test_the_order_of_patches_orders_the_result_and_changes_nothing_else(network
     one, other = completed(network, patches), completed(network, patches, select=order)
     assert (one.patches[order] - other.patches).abs().max() < 1e-5
     assert (one.points.unflatten(0, (len(order), -1))[order].flatten(0, 1) - other.points).abs().max() < 1e-5
+
+
+def test_patches_are_displaced_by_what_they_are_and_the_whole_by_what_is_most_in_any(network, patches):
+    given = []
+    parts = (network.local_displacement, network.global_displacement)
+    hooks = [part.register_forward_pre_hook(lambda _, arguments: given.append(arguments)) for part in parts]
+    result = completed(network, patches)
+    for hook in hooks:
+        hook.remove()
+    (planes, own), (merged, whole) = given
+    assert torch.equal(planes, result.planes) and own.std(dim=0).max() > 0
+    assert torch.equal(whole, own.amax(dim=0).expand_as(own))
+    assert torch.allclose(merged, torch.from_numpy(patches.low)[:, None] + float(patches.scale) * result.patches)
 
 
 @pytest.mark.parametrize("count", [1, 2, 7])
@@ -366,3 +382,19 @@ def test_some_of_a_patchs_points_are_painted_as_among_all():
         features, shared = generator.features(points, condition)
         some = generator.colors(features[:1, 10:30], shared[:1])
         assert torch.allclose(some, generator(points, condition)[:1, 10:30], atol=1e-6)
+
+
+def test_painting_a_cloud_is_what_the_network_learned(patches):
+    """Of some of the completed points, in the unit of the grid: the generator's colours as in training."""
+    torch.manual_seed(0)
+    network, generator = ColorNetwork(), np.random.default_rng(0)
+    colors = generator.random((12_000, 3)).astype(np.float32)
+    points = generator.random((len(patches.points), 40, 3)).astype(np.float32)
+    wanted = generator.random(points.shape[0] * 40) < 0.3
+    scaled = (patches.low[:, None] + patches.scale * points).reshape(-1, 3)
+    found = painted(network, patches, Neighborhoods.of(patches.points), colors, scaled, wanted)
+    with torch.no_grad():
+        observed, seen, new = map(torch.from_numpy, (patches.points, colors[patches.rows], points))
+        trained = network(observed, seen, around(patches.points), new, torch.zeros_like(new)).colors
+    np.testing.assert_allclose(found, trained.flatten(0, 1).numpy()[wanted], atol=0.02 if bfloat16_pays() else 1e-4)
+    assert np.ptp(found, axis=0).max() > 0.02
