@@ -31,6 +31,7 @@ def view(
     """
     from pcdbench.viewing.page import require_page
     from pcdbench.viewing.page import view as view_of
+    from pcdbench.viewing.payload import too_coarse
 
     require_page(out)
     names = _names(clouds)
@@ -45,6 +46,9 @@ def view(
         points=points,
         up=up,
     )
+    coarse = too_coarse(seen.shown)
+    if coarse is not None:
+        typer.echo(f"pcdbench: {coarse}", err=True)
     seen.write(out)
     shown = sum(len(its.cloud) for its in seen.shown)
     counted = f"{len(names)} cloud{'s' if len(names) > 1 else ''}, {shown:,} points"

@@ -40,7 +40,7 @@ def payload(shown: Sequence[Shown]) -> dict[str, Any]:
     """
     points = np.concatenate([its.cloud.points for its in shown])
     corner = points.min(axis=0)
-    span = max(float(np.ptp(points, axis=0).max()), _SMALLEST_SPAN_M)
+    span = _span_m(points)
     low, high = np.quantile(points - corner, _FRAMED_QUANTILES, axis=0)
     cut = ceiling_cut_m(points)
     modes = _modes(shown)
@@ -58,6 +58,23 @@ def payload(shown: Sequence[Shown]) -> dict[str, Any]:
         "maps": {mode: base64_text(_map(COLORMAPS[mode])) for mode in modes if mode in COLORMAPS},
         "clouds": [_packed(its, corner, span, distance_max) for its in shown],
     }
+
+
+def too_coarse(shown: Sequence[Shown]) -> str | None:
+    """One line where the payload's steps are coarser than a tenth of a cloud's spacing, and None where they are not."""
+    step = _span_m(np.concatenate([its.cloud.points for its in shown])) / _STEPS
+    blurred = [its.name for its in shown if len(its.cloud) > 1 and step > median_spacing(its.cloud.points) / 10]
+    if not blurred:
+        return None
+    cure = "view them one by one, or bring them into one frame" if len(shown) > 1 else "view a part of it"
+    return (
+        f"{', '.join(its.name for its in shown)}: {step * _STEPS:,.0f} m across, so that the page shows points in "
+        f"steps of {step:.2g} m, too coarse for {', '.join(blurred)}; {cure}"
+    )
+
+
+def _span_m(points: NDArray[np.float64]) -> float:
+    return max(float(np.ptp(points, axis=0).max()), _SMALLEST_SPAN_M)
 
 
 def _packed(its: Shown, corner: NDArray[np.float64], span: float, distance_max: float | None) -> dict[str, Any]:

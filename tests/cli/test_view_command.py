@@ -116,3 +116,11 @@ def test_mistakes_are_one_line_and_exit_2(scans: Path, arguments: list[str], say
     ended = view(*arguments, code=2)
     assert ended.stderr == f"pcdbench: {says}\n" and ended.stdout == ""
     assert sorted(path.name for path in scans.iterdir()) == ["a.ply", "b.laz"]
+
+
+def test_clouds_too_far_apart_to_be_told_apart_are_named(scans: Path, room: Scene) -> None:
+    PointCloud(room.complete.points + np.array([5e6, 0, 0])).write("far.las")
+    said = view("a.ply", "far.las").stderr
+    assert said.startswith("pcdbench: a.ply, far.las: 5,000,0") and "in steps of 76 m, too coarse for a.ply" in said
+    assert said.count("\n") == 1
+    assert view("a.ply", "b.laz").stderr == ""
