@@ -30,7 +30,6 @@ SIZES = {20_000: 1, 100_000: 1, 500_000: 2, 2_000_000: 4, 10_000_000: 9}
 GAP_M = 0.5
 NOISE_M = 0.004
 HOLE_M = 0.5
-LIMIT_GB = 6.0
 
 
 def rooms(count: int) -> list[PointCloud]:
@@ -79,6 +78,25 @@ def measured(scan: Path, out: Path, completer: str) -> tuple[float, float, float
     return seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * 1024 / 1e9, lines[-1]
 
 
+def draw(
+    completer: str, points: NDArray[np.int64], seconds: list[float], busy: list[float], memory: list[float]
+) -> None:
+    """Draw docs/images/complete_scaling.png."""
+    figure = Figure(figsize=(9.5, 3.8), layout="constrained", dpi=120)
+    time_axes, memory_axes = figure.subplots(1, 2)
+    time_axes.loglog(points, seconds, "o-", label="wall clock")
+    time_axes.loglog(points, busy, "s-", label="processor")
+    time_axes.loglog(points, busy[1] * points / points[1], "--", color="grey", label="linear")
+    time_axes.set(xlabel="observed points", ylabel="seconds", title=f"time, {completer}")
+    time_axes.legend()
+    memory_axes.semilogx(points, memory, "o-")
+    memory_axes.set(xlabel="observed points", ylabel="GB", title="peak resident memory")
+    memory_axes.set_ylim(bottom=0)
+    path = Path(__file__).parent / "images" / "complete_scaling.png"
+    path.parent.mkdir(exist_ok=True)
+    figure.savefig(path)
+
+
 def main(completer: str = "plane_fitting", most_points: str = "", points_a_room: str = "") -> None:
     sizes = {size: count for size, count in SIZES.items() if size <= int(most_points or max(SIZES))}
     parts = rooms(max(sizes.values()))
@@ -99,21 +117,7 @@ def main(completer: str = "plane_fitting", most_points: str = "", points_a_room:
             )
     if len(sizes) < len(SIZES):
         return
-    figure = Figure(figsize=(9.5, 3.8), layout="constrained", dpi=120)
-    time_axes, memory_axes = figure.subplots(1, 2)
-    points = np.array(list(sizes))
-    time_axes.loglog(points, seconds, "o-", label="wall clock")
-    time_axes.loglog(points, busy, "s-", label="processor")
-    time_axes.loglog(points, busy[1] * points / points[1], "--", color="grey", label="linear")
-    time_axes.set(xlabel="observed points", ylabel="seconds", title=f"time, {completer}")
-    time_axes.legend()
-    memory_axes.semilogx(points, memory, "o-")
-    memory_axes.axhline(LIMIT_GB, color="tab:red", linestyle="--", label="6 GB")
-    memory_axes.set(xlabel="observed points", ylabel="GB", title="peak resident memory", ylim=(0, LIMIT_GB + 0.5))
-    memory_axes.legend()
-    path = Path(__file__).parent / "images" / "complete_scaling.png"
-    path.parent.mkdir(exist_ok=True)
-    figure.savefig(path)
+    draw(completer, np.array(list(sizes)), seconds, busy, memory)
 
 
 if __name__ == "__main__":
