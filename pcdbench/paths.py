@@ -1,11 +1,14 @@
-"""Where pcdbench keeps what it can make again."""
+"""Where pcdbench keeps what it can make again, and whether it can write where a user says."""
 
 from __future__ import annotations
 
 import hashlib
 import os
 import re
+import tempfile
 from pathlib import Path
+
+from pcdbench.errors import PcdbenchError
 
 _LONGEST_NAME = 120
 # Names that Windows keeps for devices, with any extension.
@@ -32,3 +35,17 @@ def file_name(text: str) -> str:
     if name == text and 0 < len(name) <= _LONGEST_NAME:
         return name
     return f"{name[: _LONGEST_NAME - 9]}-{hashlib.sha256(text.encode('utf-8', 'surrogatepass')).hexdigest()[:8]}"
+
+
+def require_writable(folder: Path) -> None:
+    """Try a file in a folder, or in the one that it would be made in; nothing stays behind.
+
+    Raises:
+        PcdbenchError: where no file can be written.
+    """
+    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    try:
+        with tempfile.TemporaryFile(dir=existing):
+            pass
+    except OSError as error:
+        raise PcdbenchError(f"{folder} cannot be written: {error.strerror}; choose another place") from error

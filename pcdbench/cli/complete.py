@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from pcdbench.cloud import PointCloud
+
+# With fewer points, or where they are farther apart, surfaces of a room are not told from each other.
+_FEWEST, _COARSEST_M = 500, 0.25
 
 
 def complete(
@@ -32,21 +38,32 @@ def complete(
     """
     import warnings
 
+    from pcdbench.completion import CompletionWarning
     from pcdbench.completion import complete as completed_of
     from pcdbench.completion.progress import TileProgress
+    from pcdbench.completion.report import require_report_folder, write_report
     from pcdbench.errors import CloudError, PcdbenchError
     from pcdbench.formats import carries_fields, read_observed
+    from pcdbench.paths import require_writable
     from pcdbench.runner.selection import option_targets, parse_options, select
 
     marked = carries_fields(out)
     if out.exists() and scan.exists() and out.samefile(scan):
         raise PcdbenchError(f"{out} is the scan itself; name another file, so that the scan is kept")
+    if out.is_dir():
+        raise PcdbenchError(f"{out} is a folder; name a file in it")
+    require_writable(out.parent)
+    if report is not None:
+        require_report_folder(report)
     options = parse_options(option or [])
     option_targets(options, {"completer": [completer]})
     select("completer", completer, options.get(completer, {}))
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
-        warnings.showwarning = lambda message, *_: typer.echo(f"pcdbench: {message}", err=True)
+        # What reading warns of names the file already.
+        warnings.showwarning = lambda message, kind, *_: typer.echo(
+            f"pcdbench: {f'{scan}: ' if issubclass(kind, CompletionWarning) else ''}{message}", err=True
+        )
         cloud, fields = read_observed(scan, with_fields=True)
         try:
             with TileProgress() as progress:
@@ -65,7 +82,7 @@ def complete(
             raise CloudError(f"{scan}: {error}") from error
     added = int(completed.added.sum())
     if added_only and not added:
-        raise PcdbenchError(f"{completer} added nothing to {scan}; {out} is not written")
+        raise PcdbenchError(f"{completer} added nothing to {scan}: {_likely_reason(cloud)}; {out} is not written")
     completed.write(out, added_only=added_only, fields=fields, like=scan)
     if not marked and not added_only:
         typer.echo(
@@ -75,9 +92,25 @@ def complete(
         )
     if not marked and fields and not added_only:
         typer.echo(f"pcdbench: {out.suffix} cannot hold {', '.join(fields)} of {scan}: left out", err=True)
-    typer.echo(f"{out}: {len(cloud):,} points observed, {added:,} added by {completer}", err=True)
+    if added_only:
+        typer.echo(f"{out}: the {added:,} points that {completer} added to {len(cloud):,} observed ones", err=True)
+    else:
+        typer.echo(f"{out}: {len(cloud):,} points observed, {added:,} added by {completer}", err=True)
+    if not added:
+        typer.echo(f"pcdbench: {completer} added nothing: {_likely_reason(cloud)}", err=True)
     if report is not None:
-        from pcdbench.completion.report import write_report
-
         regions = write_report(completed, report, scan.name, completer)
         typer.echo(f"{report / 'report.md'}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again", err=True)
+
+
+def _likely_reason(cloud: PointCloud) -> str:
+    """Why nothing was added to a cloud."""
+    from pcdbench.completion.tiles import typical_spacing
+
+    spacing = typical_spacing(cloud.points)
+    if len(cloud) < _FEWEST or spacing > _COARSEST_M:
+        return (
+            f"its {len(cloud):,} points, {spacing:.2g} m apart, hardly show a surface; are they too few, or is its "
+            "unit not metres?"
+        )
+    return "it found no gap that it fills"

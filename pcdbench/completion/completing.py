@@ -20,12 +20,12 @@ from pcdbench.completion.tiles import Index, Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.formats.columns import needs_double
+from pcdbench.geometry.extent import lies_on_a_line, odd_scale, strays
 from pcdbench.geometry.frames import Frame
 
 if TYPE_CHECKING:
     from pcdbench.runner.selection import Plugin
 
-SMALLEST_M, LARGEST_M = 0.5, 500.0
 # A window's outermost part is not asked for its opinion: a completer there knows one side only.
 OPINION_MARGIN_M = 0.3
 SEAM_RADII = 0.7
@@ -70,13 +70,15 @@ def complete(
     Raises:
         PcdbenchError: for an unknown completer, a wrong option or argument, or where the completer failed on
             every tile.
-        CloudError: for a cloud of too few points.
+        CloudError: for a cloud of too few points, or all on one line.
     """
     chosen = _chosen(completer, options or {}, cloud)
     if runs < 1 or jobs < 1:
         raise PcdbenchError("runs and jobs must be at least 1")
     if len(cloud) < FEWEST_POINTS:
         raise CloudError(f"the cloud has {len(cloud)} points; at least {FEWEST_POINTS} are needed to complete it")
+    if lies_on_a_line(cloud.points):
+        raise CloudError(f"its {len(cloud):,} points lie on one line; there is no surface to complete")
     frame = Frame.with_up(up)
     _warn_of_shape(cloud.points, frame, up)
     tiling = Tiling.of(cloud.points, frame, tile_m)
@@ -121,19 +123,26 @@ def _chosen(completer: str | Completer, options: Mapping[str, object], cloud: Po
 def _warn_of_shape(points: NDArray[np.float64], frame: Frame, up: str) -> None:
     sides = [float(np.ptp(frame.column(points, axis))) for axis in range(3)]
     longest = max(sides)
-    if not SMALLEST_M <= longest <= LARGEST_M:
-        guess = "millimetres" if longest > LARGEST_M else "kilometres or normalised"
-        warnings.warn(
-            f"the longest side is {longest:,.4g} m, odd for an indoor scan; is its unit {guess}? pcdbench takes metres",
-            CompletionWarning,
-            stacklevel=3,
-        )
+    odd = odd_scale(longest)
+    if odd is not None:
+        warnings.warn(_few_far_away(points) or f"the {odd}", CompletionWarning, stacklevel=3)
     elif sides[2] > 6 and sides[2] > 1.5 * max(sides[:2]):
         warnings.warn(
             f"the cloud is {sides[2]:.1f} m high and {max(sides[:2]):.1f} m wide; is {up} really its up axis? (--up)",
             CompletionWarning,
             stacklevel=3,
         )
+
+
+def _few_far_away(points: NDArray[np.float64]) -> str | None:
+    """What to say of a few stray points where the scan is as large as a building without them."""
+    far = strays(points)
+    if not len(far) or odd_scale(float(np.ptp(np.delete(points, far, axis=0), axis=0).max())) is not None:
+        return None
+    where = ", ".join(f"{value:,.1f}" for value in points[far[0]])
+    if len(far) == 1:
+        return f"1 point lies far from all others, at ({where}); delete it from the scan"
+    return f"{len(far):,} points lie far from all others, the first at ({where}); delete them from the scan"
 
 
 def _tasks(cloud: PointCloud, tiling: Tiling, seed: int, runs: int) -> Iterator[tuple[Index, TileTask]]:
@@ -173,15 +182,20 @@ def _assembled(
     if cloud.colors is not None:
         all_colors = np.concatenate([cloud.colors, *colors])
         all_colors.flags.writeable = False
-    rims = [tiling.frame.back(result.rims + tiling.center(tile)) for tile, result in results.items()]
+    gaps, gaps_m2 = [np.empty((0, 3))], [np.empty(0)]
+    for tile, result in results.items():
+        places = result.gaps + tiling.center(tile)
+        own = tiling.owned(tile, places)
+        gaps.append(tiling.frame.back(places[own]))
+        gaps_m2.append(result.gaps_m2[own])
     return Completed(
         cloud=PointCloud(points, all_colors),
         added=np.repeat([False, True], [len(cloud), count]),
         confidence=np.concatenate([np.ones(len(cloud), np.float32), *trust], dtype=np.float32, casting="same_kind"),
         spacing_m=np.concatenate([np.empty(0), *spacings]),
         weakest=np.concatenate([np.empty(0, np.uint8), *weakest]),
-        rims=np.concatenate([np.empty((0, 3)), *rims]),
-        rims_m2=np.concatenate([np.empty(0), *(result.rims_m2 for result in results.values())]),
+        rims=np.concatenate(gaps),
+        rims_m2=np.concatenate(gaps_m2),
         surface_m2=sum(result.surface_m2 for result in results.values()),
         frame=tiling.frame,
         tiles=len(results) + len(failures),

@@ -16,6 +16,9 @@ from pcdbench.completion.confidence import FACTORS
 
 DOUBTFUL = 0.4
 SMALLEST_M2 = 0.5
+# What one stands before and scans again.
+LARGEST_M = 2.2
+SMALLEST_PIECE_M2 = 0.25
 CELL_M = 0.3
 _REASON_OF_FACTOR = {
     "distance": "added far from anything observed",
@@ -34,12 +37,12 @@ class Region:
     Attributes:
         number: 1 is the largest.
         reason: why.
-        center_m: its middle, in the cloud's own frame.
-        size_m: its extent along x, y and z, upright.
+        center_m: the middle of its box, in the cloud's own frame, as all of these.
+        size_m: its extent along x, y and z.
         area_m2: of the surface that was guessed or is missing, about.
         share: that area in shares of all surface, observed and added.
         confidence: median of the added points, or None where nothing was added.
-        low_m, high_m: lowest and highest corner in the upright cloud, for drawing.
+        low_m, high_m: lowest and highest corner of its box.
     """
 
     number: int
@@ -58,36 +61,32 @@ class Region:
 
 
 def regions_to_scan(completed: Completed) -> list[Region]:
-    """Clusters of added points below a confidence of 0.4, and of rims of open gaps, of 0.5 m2 and more, largest first.
+    """Clusters of added points below a confidence of 0.4, and of open gaps, of 0.5 m2 and more, largest first.
 
-    Points belong together where the cubes of 0.3 m that they fill touch.
+    Points belong together where the cubes of 0.3 m that they fill touch. Clusters longer than 2.2 m are cut; their
+    pieces are regions of their own if they have 0.25 m2.
     """
-    frame = completed.frame
     first = len(completed.cloud) - len(completed.spacing_m)
     trust = completed.confidence[first:]
     doubtful = np.flatnonzero(trust < DOUBTFUL)
-    added = frame.upright(completed.cloud.points[first:][doubtful])
-    areas = completed.spacing_m[doubtful] ** 2
+    added = completed.cloud.points[first:][doubtful]
     total = completed.surface_m2 + float((completed.spacing_m**2).sum())
     found: list[tuple[float, str, NDArray[np.float64], float | None]] = []
-    for members in _clusters(added):
-        area = float(areas[members].sum())
+    for members, area in _pieces(added, completed.spacing_m[doubtful] ** 2):
         weakest = np.bincount(completed.weakest[doubtful[members]], minlength=len(FACTORS)).argmax()
         median = float(np.median(trust[doubtful[members]]))
         found.append((area, _REASON_OF_FACTOR[FACTORS[weakest]], added[members], median))
-    rims = frame.upright(completed.rims)
-    for members in _clusters(rims):
-        found.append((float(completed.rims_m2[members].sum()), OPEN, rims[members], None))
-    found = sorted((entry for entry in found if entry[0] >= SMALLEST_M2), key=lambda entry: -entry[0])
+    found += [
+        (area, OPEN, completed.rims[members], None) for members, area in _pieces(completed.rims, completed.rims_m2)
+    ]
     regions = []
-    for number, (area, reason, points, median_trust) in enumerate(found, start=1):
+    for number, (area, reason, points, median_trust) in enumerate(sorted(found, key=lambda entry: -entry[0]), start=1):
         low, high = points.min(axis=0), points.max(axis=0)
-        center = frame.back((low + high)[None] / 2)[0]
         regions.append(
             Region(
                 number=number,
                 reason=reason,
-                center_m=_rounded(center),
+                center_m=_rounded((low + high) / 2),
                 size_m=_rounded(high - low),
                 area_m2=round(area, 2),
                 share=round(area / total, 5),
@@ -102,6 +101,31 @@ def regions_to_scan(completed: Completed) -> list[Region]:
 def _rounded(values: NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = np.round(values, 2).tolist()
     return x, y, z
+
+
+def _pieces(points: NDArray[np.float64], areas_m2: NDArray[np.float64]) -> list[tuple[NDArray[np.int64], float]]:
+    """The rows of each cluster of (N, 3) points that is large enough, or of each piece of it, and its square metres."""
+    pieces = []
+    for members in _clusters(points):
+        whole = float(areas_m2[members].sum())
+        if whole < SMALLEST_M2:
+            continue
+        for rows in _cut(points, members):
+            area = float(areas_m2[rows].sum())
+            if area >= SMALLEST_PIECE_M2:
+                pieces.append((rows, area))
+    return pieces
+
+
+def _cut(points: NDArray[np.float64], rows: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The rows in pieces no longer than 2.2 m along any axis, cut into equal lengths along the longest one first."""
+    low, sides = points[rows].min(axis=0), np.ptp(points[rows], axis=0)
+    axis = int(sides.argmax())
+    if sides[axis] <= LARGEST_M:
+        return [rows]
+    count = int(np.ceil(sides[axis] / LARGEST_M))
+    piece = np.minimum((points[rows, axis] - low[axis]) * (count / sides[axis]), count - 1).astype(np.int64)
+    return [whole for number in np.unique(piece) for whole in _cut(points, rows[piece == number])]
 
 
 def _clusters(points: NDArray[np.float64]) -> list[NDArray[np.int64]]:

@@ -3,20 +3,38 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.completion.completed import Completed
 from pcdbench.completion.regions import DOUBTFUL, Region, regions_to_scan
+from pcdbench.completion.tiles import typical_spacing
 from pcdbench.errors import PcdbenchError
+from pcdbench.paths import require_writable
 
-PIXELS = 1600
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 MOST_LISTED = 40
 LARGEST_TICK_M = 1000.0
-LABEL_INCHES = 0.3
-VERSION = 1
+LONGEST_INCHES = 9.0
+BADGE_INCHES = 0.3
+DPI = 150
+MOST_CELLS = 900
+# With fewer in half of the cells, cells without a point are a pattern of their own.
+POINTS_A_CELL = 3
+# Colours that those who confuse red and green tell apart (Okabe and Ito); gaps are hatched, too.
+TRUSTED, GUESSED, UNFILLED = "#8CCFB7", "#E0670B", "#0B5FA5"
+HATCH = "////"
+VERSION = 2
+_CORE_QUANTILES = (0.001, 0.999)
+_MARGIN = 0.02
+_NARROWEST = 0.3
+_VISIBLE_SHARE = 0.1
 
 
 def write_report(completed: Completed, folder: Path, source: str, completer: str) -> list[Region]:
@@ -29,8 +47,9 @@ def write_report(completed: Completed, folder: Path, source: str, completer: str
         completer: the completer's name.
 
     Raises:
-        PcdbenchError: where the folder cannot be written.
+        PcdbenchError: where the folder cannot be written, or holds such files that are no report.
     """
+    require_report_folder(folder)
     regions = regions_to_scan(completed)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -45,6 +64,25 @@ def write_report(completed: Completed, folder: Path, source: str, completer: str
     return regions
 
 
+def require_report_folder(folder: Path) -> None:
+    """Refuse a folder that a report cannot be written into, or whose files it would overwrite were no report.
+
+    Raises:
+        PcdbenchError: for such a folder.
+    """
+    require_writable(folder)
+    taken = [name for name in ("report.json", "report.md", "report.png") if (folder / name).exists()]
+    if not taken:
+        return
+    try:
+        facts = json.loads((folder / "report.json").read_text())
+        ours = isinstance(facts, dict) and {"version", "completer", "regions"} <= facts.keys()
+    except (OSError, ValueError, RecursionError):
+        ours = False
+    if not ours:
+        raise PcdbenchError(f"{folder} holds a {taken[-1]} that is no report of pcdbench; give --report another folder")
+
+
 def _facts(completed: Completed, source: str, completer: str) -> dict[str, object]:
     added = len(completed.spacing_m)
     trust = completed.confidence[len(completed.cloud) - added :]
@@ -52,6 +90,8 @@ def _facts(completed: Completed, source: str, completer: str) -> dict[str, objec
         "version": VERSION,
         "source": source,
         "completer": completer,
+        "frame": "the scan's own x, y and z, metres",
+        "up": completed.frame.up,
         "observed_points": len(completed.cloud) - added,
         "added_points": added,
         "observed_m2": round(completed.surface_m2, 1),
@@ -73,6 +113,7 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
         "",
     ]
     if regions:
+        lines += [f"Places are in the scan's own frame ({completed.frame.up} is up), metres.", ""]
         lines += [
             "![Plan from above](report.png)",
             "",
@@ -96,91 +137,163 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
     return "\n".join(lines) + "\n"
 
 
-def _write_plan(completed: Completed, regions: list[Region], path: Path, title: str) -> None:
-    """The cloud from above: observed points grey, added ones by confidence, regions as numbered boxes."""
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
+@dataclass(frozen=True)
+class _Plan:
+    """The cloud from above, upright: cells of (H, W) grids, lowest y first.
 
-    picture, low, high = _plan(completed)
-    width, height = high - low
-    inches = 10.0
-    figure = Figure(
-        figsize=(inches, float(np.clip(inches * height / width, 3.0, 16.0)) + 0.8), layout="constrained", dpi=130
+    Attributes:
+        low, high: (2,) corners, metres, upright.
+        cell_m: edge of a cell.
+        grey: how light each cell is, 1 where nothing was observed.
+        trusted, doubtful, gaps: where points were added, those below the confidence that counts, and the open gaps
+            that are regions.
+        marks: (R, 2) of each region, a place in it near its middle, metres, upright.
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    cell_m: float
+    grey: NDArray[np.float64]
+    trusted: NDArray[np.bool_]
+    doubtful: NDArray[np.bool_]
+    gaps: NDArray[np.bool_]
+    marks: NDArray[np.float64]
+
+
+def _plan(completed: Completed, regions: list[Region]) -> _Plan:
+    from scipy.ndimage import binary_closing, gaussian_filter
+
+    unsure = completed.confidence < DOUBTFUL
+    cloud = completed.frame.upright(completed.cloud.points)[:, :2]
+    members = [_members(completed, region, unsure) for region in regions]
+    marks = [its[np.linalg.norm(its - (its.min(axis=0) + its.max(axis=0)) / 2, axis=1).argmin()] for its in members]
+    open_ones = [its for its, region in zip(members, regions, strict=True) if region.confidence is None]
+    gaps = np.concatenate([np.empty((0, 2)), *open_ones])
+    # What lies far from nearly all others would make a dot of them.
+    core = np.quantile(cloud, _CORE_QUANTILES, axis=0)
+    reach = float(np.ptp(core, axis=0).max())
+    near = ((cloud >= core[0] - reach) & (cloud <= core[1] + reach)).all(axis=1)
+    shown = np.concatenate([cloud[near], gaps])
+    margin = _MARGIN * float(np.ptp(shown, axis=0).max())
+    low, high = shown.min(axis=0) - margin, shown.max(axis=0) + margin
+    seen = cloud[near & ~completed.added] - low
+    cell_m = max(float((high - low).max()) / MOST_CELLS, typical_spacing(completed.cloud.points[~completed.added]))
+    while np.median(np.unique(_cells(seen, cell_m), return_counts=True)[1]) < POINTS_A_CELL:
+        cell_m *= 1.2
+    shape = np.ceil((high - low) / cell_m).astype(int) + 1
+    high = low + shape * cell_m
+
+    def counts(places: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y = ((places - low) / cell_m).astype(np.int64).T
+        return np.bincount(y * shape[0] + x, minlength=int(shape.prod())).reshape(shape[::-1]).astype(np.float64)
+
+    def closed(cells: NDArray[np.bool_], apart_m: float = 0.0) -> NDArray[np.bool_]:
+        """Cells that were left out among others, too: by chance, or because places are so far apart."""
+        reach = 1 + int(np.ceil(apart_m / cell_m))
+        return np.asarray(cells | binary_closing(cells, np.ones((2 * reach + 1,) * 2)), np.bool_)
+
+    observed = counts(cloud[near & ~completed.added])
+    density = gaussian_filter(observed, 0.5)
+    typical = float(np.percentile(density[observed > 0], 95)) if observed.any() else 1.0
+    grey = np.where(closed(observed > 0), 0.88 - 0.5 * np.clip(density / typical, 0.0, 1.0) ** 0.7, 1.0)
+    trusted, doubtful = (counts(cloud[near & completed.added & which]) for which in (~unsure, unsure))
+    return _Plan(
+        low=low,
+        high=high,
+        cell_m=cell_m,
+        grey=grey,
+        trusted=closed((trusted > 0) & (trusted > _VISIBLE_SHARE * observed)),
+        doubtful=closed((doubtful > 0) & (doubtful > _VISIBLE_SHARE * observed)),
+        gaps=closed(counts(gaps) > 0, float(completed.rims_m2.max(initial=0.0)) ** 0.5),
+        marks=np.array(marks).reshape(-1, 2),
     )
-    axes = figure.subplots()
+
+
+def _cells(places: NDArray[np.float64], edge_m: float) -> NDArray[np.int64]:
+    """(N,) a number for the cell of each of (N, 2) places, which are not negative."""
+    cells = (places / edge_m).astype(np.int64)
+    return (cells[:, 1] << 32) | cells[:, 0]
+
+
+def _members(completed: Completed, region: Region, unsure: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(M, 2) the places that a region is made of, seen from above, upright, metres."""
+    places = completed.rims if region.confidence is None else completed.cloud.points[unsure]
+    # Corners are rounded to centimetres.
+    inside = ((places >= np.array(region.low_m) - 0.01) & (places <= np.array(region.high_m) + 0.01)).all(axis=1)
+    return completed.frame.upright(places[inside])[:, :2]
+
+
+def _write_plan(completed: Completed, regions: list[Region], path: Path, title: str) -> None:
+    """The cloud from above: observed points grey, added ones and open gaps in colours, regions numbered."""
+    from matplotlib import rc_context
+    from matplotlib.colors import to_rgb
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    plan = _plan(completed, regions)
     # The scan's own coordinates, as in the table; only what would make map coordinates unreadable is taken off.
-    start = np.where(np.abs(low) < LARGEST_TICK_M, 0.0, np.floor(low / LARGEST_TICK_M) * LARGEST_TICK_M)
-    (left, bottom), (right, top) = low - start, high - start
-    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="antialiased", origin="lower")
-    corners: list[NDArray[np.float64]] = []
-    for region in regions[:MOST_LISTED]:
-        corner, size = np.array(region.low_m[:2]) - start, np.maximum(np.array(region.size_m[:2]), 0.15)
-        axes.add_patch(Rectangle(tuple(corner), *size, fill=False, edgecolor="black", linewidth=1.2))
-        free = _free_corner(corner, size, corners, LABEL_INCHES / inches * max(width, height))
-        corners.append(free)
-        axes.text(
-            float(free[0]),
-            float(free[1]),
-            str(region.number),
-            fontsize=9,
-            fontweight="bold",
-            color="white",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "black", "linewidth": 0},
-            clip_on=False,
+    start = np.where(np.abs(plan.low) < LARGEST_TICK_M, 0.0, np.floor(plan.low / LARGEST_TICK_M) * LARGEST_TICK_M)
+    low, high = plan.low - start, plan.high - start
+    # A corridor gets room beside it.
+    beside = np.maximum(0.0, _NARROWEST * (high - low).max() - (high - low)) / 2
+    low, high = low - beside, high + beside
+    inches_a_m = LONGEST_INCHES / float((high - low).max())
+    figure = Figure(figsize=tuple((high - low) * inches_a_m), dpi=DPI)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    picture = np.repeat(plan.grey[:, :, None], 3, axis=2)
+    for cells, color in ((plan.trusted, TRUSTED), (plan.doubtful, GUESSED)):
+        picture[cells] = to_rgb(color)
+    (left, bottom), (right, top) = plan.low - start, plan.high - start
+    axes.imshow(picture, extent=(left, right, bottom, top), interpolation="nearest", origin="lower")
+    with rc_context({"hatch.linewidth": 1.2}):
+        if plan.gaps.any():
+            x, y = (
+                np.linspace(a, b, n, endpoint=False) + plan.cell_m / 2
+                for a, b, n in ((left, right, plan.gaps.shape[1]), (bottom, top, plan.gaps.shape[0]))
+            )
+            filled = axes.contourf(x, y, plan.gaps, levels=[0.5, 1.5], hatches=[HATCH], colors="none")
+            filled.set(edgecolor=UNFILLED, linewidth=1.2)
+        _number(axes, regions[:MOST_LISTED], plan.marks[:MOST_LISTED] - start, BADGE_INCHES / inches_a_m)
+        handles = [
+            Patch(facecolor="0.6", label="observed"),
+            Patch(facecolor=TRUSTED, label=f"added, confidence {DOUBTFUL} and more"),
+            Patch(facecolor=GUESSED, label=f"added, confidence below {DOUBTFUL}"),
+            Patch(facecolor="none", edgecolor=UNFILLED, hatch=HATCH, label="open gap"),
+        ]
+        axes.legend(
+            handles=handles,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.5 / figure.get_figheight()),
+            ncols=2,
+            frameon=False,
         )
-    marked = f", the largest {MOST_LISTED} marked" if len(regions) > MOST_LISTED else ""
-    axes.set_title(f"{title}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again{marked}")
-    for name, which in (("x", 0), ("y", 1)):
-        taken_off = f" - {start[which]:,.0f}" if start[which] else ""
-        axes.set(**{f"{name}label": f"{'xyz'[completed.frame.axes[which]]}{taken_off} (m)"})
-    color_bar = figure.colorbar(_confidence_scale(), ax=axes, shrink=0.6)
-    color_bar.set_label("confidence of added points (observed points are grey)")
-    figure.savefig(path, facecolor="white")
+        more = f", the largest {MOST_LISTED} marked" if len(regions) > MOST_LISTED else ""
+        axes.set_title(f"{title}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again{more}")
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        for name, which in (("x", 0), ("y", 1)):
+            taken_off = f" - {start[which]:,.0f}" if start[which] else ""
+            axes.set(**{f"{name}label": f"the scan's {'xyz'[completed.frame.axes[which]]}{taken_off} (m)"})
+        figure.savefig(path, facecolor="white", bbox_inches="tight", pad_inches=0.1)
 
 
-def _free_corner(
-    corner: NDArray[np.float64], size: NDArray[np.float64], taken: list[NDArray[np.float64]], apart_m: float
-) -> NDArray[np.float64]:
-    """(2,) that corner of a box which is farthest from other labels, or the first that is far enough."""
-    options = [corner + size * share for share in ((1, 1), (0, 1), (1, 0), (0, 0))]
-    if not taken:
-        return options[0]
-    away = [float(np.linalg.norm(np.array(taken) - option, axis=1).min()) for option in options]
-    return next((option for option, gap in zip(options, away, strict=True) if gap >= apart_m), options[np.argmax(away)])
+def _number(axes: Axes, regions: list[Region], marks: NDArray[np.float64], badge_m: float) -> None:
+    """Put a region's number on its mark, (2,) metres, or beside it with a line to it where another number is."""
+    for region, mark, (x, y) in zip(regions, marks, _free_places(marks, badge_m), strict=True):
+        color = UNFILLED if region.confidence is None else GUESSED
+        axes.plot([mark[0], x], [mark[1], y], color=color, linewidth=1.4)
+        box = {"boxstyle": "circle,pad=0.22", "facecolor": color, "edgecolor": "white"}
+        style: dict[str, Any] = {"fontsize": 9, "fontweight": "bold", "color": "white", "bbox": box}
+        axes.text(x, y, str(region.number), ha="center", va="center", **style)
 
 
-def _confidence_scale():  # type: ignore[no-untyped-def]  # matplotlib is imported when it is needed
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-
-    return ScalarMappable(Normalize(0, 1), "RdYlGn")
-
-
-def _plan(completed: Completed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """(H, W, 3) the picture, and (2,) the lowest and highest corner that it shows, upright, metres."""
-    x, y = (completed.frame.column(completed.cloud.points, axis) for axis in (0, 1))
-    low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
-    margin = 0.03 * float((high - low).max()) + 0.1
-    low, high = low - margin, high + margin
-    scale = PIXELS / float((high - low).max())
-    # A thin cloud must not look like dust.
-    scale = min(scale, 0.8 / _plan_spacing(completed, high - low))
-    shape = np.ceil((high - low) * scale).astype(int) + 1
-    pixels = ((y - low[1]) * scale).astype(np.int64) * shape[0] + ((x - low[0]) * scale).astype(np.int64)
-    count = int(shape.prod())
-    observed = np.bincount(pixels[~completed.added], minlength=count)
-    added = np.bincount(pixels[completed.added], minlength=count)
-    trust = np.bincount(pixels[completed.added], completed.confidence[completed.added], minlength=count)
-    typical = float(np.percentile(observed[observed > 0], 90)) if observed.any() else 1.0
-    grey = 1.0 - 0.55 * np.clip(observed / typical, 0.0, 1.0) ** 0.5
-    picture = np.repeat(grey[:, None], 3, axis=1)
-    filled = added > 0.25 * observed
-    filled &= added > 0
-    colors = np.asarray(_confidence_scale().to_rgba(trust[filled] / added[filled]))[:, :3]
-    picture[filled] = colors
-    return picture.reshape(shape[1], shape[0], 3), low, high
-
-
-def _plan_spacing(completed: Completed, extent: NDArray[np.float64]) -> float:
-    """Metres between points on the plan, as if all lay on the floor."""
-    return float((extent.prod() / max(1, len(completed.cloud))) ** 0.5)
+def _free_places(wanted: NDArray[np.float64], apart_m: float) -> NDArray[np.float64]:
+    """(R, 2) places for labels, each as near to the wanted one as those before it leave room, `apart_m` apart."""
+    turns = np.arange(240)
+    # A spiral of even density.
+    spiral = 0.35 * np.sqrt(turns)[:, None] * np.stack([np.cos(2.4 * turns), np.sin(2.4 * turns)], axis=1)
+    placed = np.empty((0, 2))
+    for place in wanted:
+        options = place + apart_m * spiral
+        room = np.linalg.norm(options[:, None] - placed, axis=2).min(axis=1, initial=np.inf)
+        placed = np.vstack([placed, options[np.argmax(room >= apart_m)]])
+    return placed

@@ -13,7 +13,7 @@ from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.completion.densify import at_density
 from pcdbench.completion.evidence import evidence
-from pcdbench.completion.gaps import gap_areas
+from pcdbench.completion.gaps import open_gaps
 from pcdbench.completion.surface import RADIUS_OF_SPACING, local_planes, spacing_at, spacing_inside
 from pcdbench.completion.tiles import FINEST_SPACING_M, WORKING_POINTS
 from pcdbench.errors import PluginError
@@ -64,8 +64,8 @@ class TileResult:
         seconded: (K,) how many of the other runs put a point there too.
         asked: how many other runs there were.
         working_m: spacing of the cloud that the completer was given.
-        rims: (R, 3) the tile's own points on the rim of a gap that nobody filled.
-        rims_m2: (R,) the area of gap that each stands for.
+        gaps: (G, 3) places in gaps that nobody filled, a spacing apart.
+        gaps_m2: (G,) the area of gap that each stands for.
         surface_m2: of what was observed in the tile itself.
     """
 
@@ -80,8 +80,8 @@ class TileResult:
     seconded: NDArray[np.int64]
     asked: int
     working_m: float
-    rims: NDArray[np.float64]
-    rims_m2: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    gaps_m2: NDArray[np.float64]
     surface_m2: float
 
 
@@ -115,9 +115,8 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
     count = len(working)
     full_spacing = spacing_inside(working.points, tree, everything)
     # The lowest points of a cloud lie on the sides of their tiles.
-    own = (np.abs(union) <= task.half_m + 1e-6).all(axis=1)
-    gaps_m2 = np.where(own, gap_areas(union, normals, spacing_at(union, cKDTree(union)), working.points), 0.0)
-    rim = np.flatnonzero(gaps_m2)
+    own = (np.abs(working.points) <= task.half_m + 1e-6).all(axis=1)
+    gaps, gaps_m2 = open_gaps(union, normals, spacing_at(union, cKDTree(union)), working.points)
     nearest = _nearest(tree, new.points, 8)
     wanted = np.median(full_spacing[nearest], axis=1)
     wanted = np.maximum(wanted, DENSEST * float(np.median(full_spacing)))
@@ -141,9 +140,9 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
         seconded=seconded,
         asked=task.runs - 1,
         working_m=typical,
-        rims=union[rim],
-        rims_m2=gaps_m2[rim],
-        surface_m2=float((spacing_inside(working.points, tree, tree)[own[:count]] ** 2).sum()),
+        gaps=gaps,
+        gaps_m2=gaps_m2,
+        surface_m2=float((spacing_inside(working.points, tree, tree)[own] ** 2).sum()),
     )
 
 

@@ -56,12 +56,13 @@ class Tiling:
         """Cut (N, 3) `points` into tiles of `edge_m`, or of an edge that their density decides.
 
         Raises:
-            PcdbenchError: for an edge smaller than twice the halo.
+            PcdbenchError: for an edge smaller than twice the halo, or none.
         """
         spacing = typical_spacing(points)
         halo_m = max(HALO_M, _HALO_SPACINGS * spacing)
-        if edge_m is not None and not edge_m >= 2 * halo_m:
-            raise PcdbenchError(f"tiles of {edge_m:g} m are too small; take at least {2 * halo_m:.3g} m (--tile-m)")
+        if edge_m is not None and not 2 * halo_m <= edge_m < np.inf:
+            wrong = "too small" if edge_m < 2 * halo_m else "no size"
+            raise PcdbenchError(f"tiles of {edge_m:g} m are {wrong}; take at least {2 * halo_m:.3g} m (--tile-m)")
         axes = [frame.column(points, axis) for axis in range(3)]
         origin = np.array([axis.min() for axis in axes])
         height = float(axes[2].max() - origin[2])
@@ -165,11 +166,18 @@ def _some(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _edge_by_density(points: NDArray[np.float64], spacing_m: float, halo_m: float) -> float:
-    """The edge at which a window holds about as many points, thinned to 8 cm, as completers are made for."""
+    """The edge at which a window holds about as many points, thinned to 8 cm, as completers are made for.
+
+    Args:
+        points: (N, 3) upright, the lowest corner at the origin.
+    """
     edge = max(PLANNED_SPACING_M, spacing_m)
     cells = np.unique(np.floor(points / edge).astype(np.int64), axis=0)
+    largest = max(LARGEST_TILE_M, _LARGEST_SPACINGS * spacing_m)
+    # What a window may hold needs no halo; an edge by its density would count one.
+    if len(cells) <= WORKING_POINTS and float(points[:, :2].max()) < largest:
+        return largest
     plan_m = max(_PLAN_CELL_M, 10 * edge)
     _, of_cell = np.unique((cells[:, :2] * edge) // plan_m, axis=0, return_counts=True)
     per_m2 = float(np.percentile(of_cell, 75)) / plan_m**2
-    largest = max(LARGEST_TILE_M, _LARGEST_SPACINGS * spacing_m)
     return float(np.clip((WORKING_POINTS / per_m2) ** 0.5 - 2 * halo_m, max(SMALLEST_TILE_M, 2 * halo_m), largest))

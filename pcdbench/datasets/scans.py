@@ -17,18 +17,15 @@ from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.files import keep
 from pcdbench.formats import CloudWarning
+from pcdbench.geometry.extent import lies_on_a_line, odd_scale
 from pcdbench.keys import digest, file_digest
 from pcdbench.paths import cache_dir
 from pcdbench.scene import Scene, TaggedObject
 
 # With fewer points the lowest usual level, 10 %, takes away no whole one.
 FEWEST_POINTS = 10
-# A cloud this much thinner than long, or this thin (standard deviations), is a line: it has no surface to complete.
-# Files round to 0.1 or 1 mm, so that lines are seldom exact.
-_THINNEST, _THINNEST_M = 1e-5, 5e-4
 # More than this is thinned at random before the Poisson-disk sample, whose cost grows with its source.
 _MOST_TO_SAMPLE = 2_000_000
-_SMALLEST_M, _LARGEST_M = 0.5, 500.0
 _HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
@@ -168,21 +165,15 @@ def _require_surface(cloud: PointCloud, path: Path) -> None:
         raise CloudError(
             f"{path} has {len(cloud)} distinct points; at least {FEWEST_POINTS} are needed to take some away"
         )
-    _, middle, largest = np.linalg.eigvalsh(np.cov(cloud.points - cloud.points[0], rowvar=False))
-    if middle <= max(_THINNEST**2 * largest, _THINNEST_M**2):
+    if lies_on_a_line(cloud.points):
         raise CloudError(f"{path}: its {len(cloud):,} points lie on one line; there is no surface to complete")
 
 
 def _warn_of_scale(cloud: PointCloud, path: Path) -> None:
     longest = float(np.ptp(cloud.points, axis=0).max())
-    if not _SMALLEST_M <= longest <= _LARGEST_M:
-        guess = "millimetres" if longest > _LARGEST_M else "kilometres or normalised"
-        warnings.warn(
-            f"{path}: its longest side is {longest:,.4g} m, odd for an indoor scan; is its unit {guess}? "
-            "It is used as it is; pcdbench takes metres",
-            CloudWarning,
-            stacklevel=4,
-        )
+    odd = odd_scale(longest)
+    if odd is not None:
+        warnings.warn(f"{path}: its {odd}; it is used as it is", CloudWarning, stacklevel=4)
 
 
 def _sample(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.int64]:

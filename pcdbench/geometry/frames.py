@@ -41,6 +41,11 @@ class Frame:
         axes = (first, second, axis) if sign > 0 else (second, first, axis)
         return cls(axes, (1, 1, sign))
 
+    @property
+    def up(self) -> str:
+        """The cloud's axis that becomes z, as `with_up` takes it."""
+        return ("" if self.signs[2] > 0 else "-") + "xyz"[self.axes[2]]
+
     def upright(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, 3) a new array: the points with z up."""
         return points[:, self.axes] * np.array(self.signs, np.float64)

@@ -128,7 +128,8 @@ def test_added_only_report_options_and_axes(run):
     added = PointCloud.read("added.ply")
     assert 100 < len(added) < 1000 and (np.abs(added.points[:, 1]) < 0.05).all()
     assert (read_cloud_and_fields(Path("added.ply"))[1]["added"] == 1).all()
-    assert "again/report.md: " in said and f"added.ply: {len(scan):,} points observed, {len(added):,} added" in said
+    assert "again/report.md: " in said
+    assert f"added.ply: the {len(added):,} points that plane_fitting added to {len(scan):,} observed ones\n" in said
     assert "100 % of" in said
     assert json.loads(Path("again/report.json").read_text())["added_points"] == len(added)
 
@@ -136,6 +137,7 @@ def test_added_only_report_options_and_axes(run):
 def test_mistakes_are_one_line(run):
     floor(offset=np.zeros(3)).write("scan.ply")
     PointCloud(np.random.default_rng(0).random((20, 3))).write("few.ply")
+    PointCloud(np.linspace(0, 5, 1000)[:, None] * [1.0, 2.0, 0.5]).write("line.ply")
     plane = ("--completer", "plane_fitting")
     for arguments, message in (
         (("missing.ply", "-o", "out.ply", *plane), "missing.ply: there is no such file"),
@@ -148,15 +150,70 @@ def test_mistakes_are_one_line(run):
         (("scan.ply", "-o", "out.ply", *plane, "--option", "plane_fitting.distanc_m=1"), "did you mean distance_m?"),
         (("scan.ply", "-o", "out.ply", *plane, "--option", "hole_filling.link=3"), "'hole_filling' is not in this run"),
         (("scan.ply", "-o", "out.ply", "--completer", "incomplete"), "a reference to measure against"),
+        (("line.ply", "-o", "out.ply", *plane), "line.ply: its 1,000 points lie on one line"),
     ):
         said = run(*arguments, code=2)
         assert message in said and said.count("\n") == 1 and said.startswith("pcdbench: "), said
     assert not Path("out.ply").exists()
 
 
+def test_places_that_cannot_be_written_are_found_before_the_scan_is_read(run):
+    Path("file").touch()
+    Path("folder.ply").mkdir()
+    Path("mine").mkdir()
+    Path("mine/report.md").write_text("notes")
+    Path("other").mkdir()
+    Path("other/report.json").write_text("[1]")
+    before = sorted(Path().rglob("*"))
+    completed = ("missing.ply", "--completer", "plane_fitting", "-o")
+    for arguments, message in (
+        (("file/out.ply",), "file cannot be written: Not a directory; choose another place"),
+        (("folder.ply",), "folder.ply is a folder; name a file in it"),
+        (("out.ply", "--report", "file/again"), "file/again cannot be written: Not a directory"),
+        (
+            ("out.ply", "--report", "mine"),
+            "mine holds a report.md that is no report of pcdbench; give --report another",
+        ),
+        (("out.ply", "--report", "other"), "other holds a report.json that is no report of pcdbench"),
+        (("new/out.ply", "--report", "new/again"), "missing.ply: there is no such file"),
+    ):
+        said = run(*completed, *arguments, code=2)
+        assert message in said and said.count("\n") == 1, said
+    assert sorted(Path().rglob("*")) == before and Path("mine/report.md").read_text() == "notes"
+
+
+def test_a_report_replaces_a_report(run):
+    floor(offset=np.zeros(3)).write("scan.ply")
+    for _ in range(2):
+        run("scan.ply", "-o", "out.ply", "--completer", "hole_filling", "--report", "again")
+    assert sorted(path.name for path in Path("again").iterdir()) == ["report.json", "report.md", "report.png"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "points", "reason"),
+    [(39.37, 2000, "are they too few, or is its unit not metres?"), (1.0, 60, "too few"), (1.0, 2000, "found no gap")],
+)
+def test_why_nothing_was_added_is_said(run, factor, points, reason):
+    scan = floor(color=False, offset=np.zeros(3))
+    if reason == "found no gap":
+        scan = PointCloud(np.random.default_rng(0).random((points, 3)) * [4, 4, 0])
+    PointCloud(scan.points[:points] * factor).write("scan.ply")
+    option = ("--option", "plane_fitting.min_points=100")
+    said = run("scan.ply", "-o", "out.ply", "--completer", "plane_fitting", *option)
+    assert " 0 added" in said and said.count("pcdbench: plane_fitting added nothing: ") == 1 and reason in said
+
+
 def test_units_are_asked_for(run):
     scan = floor(color=False, offset=np.zeros(3))
     PointCloud(scan.points * 1000).write("mm.ply")
     said = run("mm.ply", "-o", "out.ply", "--completer", "plane_fitting")
-    assert "pcdbench: the longest side is 4,00" in said or "pcdbench: the longest side is 3,99" in said
-    assert "millimetres?" in said
+    assert "pcdbench: mm.ply: the longest side is 4,00" in said or "pcdbench: mm.ply: the longest side is 3,99" in said
+    assert "is its unit millimetres or centimetres? Multiply its coordinates by 0.001" in said
+
+
+def test_a_stray_point_is_not_a_wrong_unit(run):
+    scan = floor(color=False)
+    PointCloud(np.vstack([scan.points, [0, 0, 0]])).write("stray.npz")
+    said = run("stray.npz", "-o", "out.npz", "--completer", "plane_fitting")
+    assert "stray.npz: 1 point lies far from all others, at (0.0, 0.0, 0.0); delete it from the scan" in said
+    assert "its unit" not in said

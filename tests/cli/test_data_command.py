@@ -54,7 +54,10 @@ def test_everything_wrong_is_told_and_the_rest_comes_out(tmp_path):
     assert any(line.startswith("cut: ") and "cut off" in line for line in told)
     assert "gaps" in told[1] and "100 of 600 points are not valid (NaN, or marked so): dropped" in told[1]
     assert "grey: it has no colour; what needs colour is skipped" in told
-    assert any("millimetres.npz: its longest side is" in line and "is its unit millimetres?" in line for line in told)
+    assert any(
+        "millimetres.npz: its longest side is" in line and "is its unit millimetres or centimetres?" in line
+        for line in told
+    )
     assert told[-2:] == [f"clouds:{tmp_path}: 5 scenes, 4 come out, 4 findings", "cannot be used: cut"]
 
 

@@ -226,6 +226,7 @@ def test_wrong_use_is_one_line():
         ({"completer": "ground_truth"}, "a reference to measure against"),
         ({"completer": "plane_fitting", "up": "w"}, "up axis 'w' is none of z y x"),
         ({"completer": "plane_fitting", "tile_m": 0.5}, "too small; take at least 3 m"),
+        ({"completer": "plane_fitting", "tile_m": np.inf}, "tiles of inf m are no size; take at least 3 m"),
         ({"completer": "plane_fitting", "options": {"reach": 1}}, "no option 'reach'; did you mean reach_m"),
         ({"completer": Nothing(), "options": {"a": 1}}, "give them to Nothing"),
         ({"completer": "plane_fitting", "runs": 0}, "must be at least 1"),
@@ -250,6 +251,18 @@ def test_odd_units_and_axes_are_warned_of():
     assert millimetres.tiles == 1
     with pytest.warns(CompletionWarning, match="14.0 m high and 9.0 m wide; is z really its up axis"):
         pcdbench.complete(PointCloud(hall(0.3, (9.0, 14.0), color=False).points[:, [2, 0, 1]]), Nothing())
+
+
+def test_a_small_scan_is_one_tile_and_a_large_one_is_not():
+    rng = np.random.default_rng(0)
+
+    def furnished(size):
+        faces = [[*size, 0], [size[0], 0, 3], [0, size[1], 3], [*size, 0]] * 2
+        return np.concatenate([rng.random((round(np.prod([s for s in f if s]) * 100), 3)) * f for f in faces])
+
+    small, large = furnished((3.5, 6.7)), furnished((3.5, 16.0))
+    assert len(Tiling.of(small, Frame.with_up("z"), None).tiles) == 1
+    assert len(Tiling.of(large, Frame.with_up("z"), None).tiles) > 1
 
 
 def test_windows_hold_the_tile_and_its_halo_and_owners_are_unique():

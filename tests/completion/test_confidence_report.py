@@ -1,6 +1,7 @@
 """Confidence falls where completion errs, and the report names what to scan again."""
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,10 +15,13 @@ from pcdbench import Completer, PointCloud
 from pcdbench.completion import CompletionWarning
 from pcdbench.completion.confidence import factors
 from pcdbench.completion.evidence import evidence
-from pcdbench.completion.gaps import gap_areas
+from pcdbench.completion.gaps import _union, open_gaps
 from pcdbench.completion.regions import regions_to_scan
-from pcdbench.completion.report import write_report
+from pcdbench.completion.report import _free_places, _plan, write_report
+from pcdbench.completion.surface import local_planes
+from pcdbench.completion.tiles import typical_spacing
 from pcdbench.datasets.synthetic import Indoor
+from pcdbench.geometry.frames import Frame
 from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.open3d_loader import load_open3d
 
@@ -152,15 +156,40 @@ def test_runs_that_disagree_lower_the_confidence():
     assert any(region.confidence is not None and region.center_m[2] > 0.1 for region in regions)
 
 
-def test_gaps_are_measured_and_edges_are_none():
+def turned(points, degrees):
+    """The points turned upright about x, so that their plane is a wall's, and then about z."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return points[:, [0, 2, 1]] @ np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize("radius_m", [0.4, 0.6, 1.0])
+def test_gaps_are_measured_and_edges_are_none(radius_m):
     points = plane()
-    middle = np.linalg.norm(points - [2, 2, 0], axis=1)
-    points = points[middle > 0.6]
+    points = points[np.linalg.norm(points - [2, 2, 0], axis=1) > radius_m]
     up = np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    areas = gap_areas(points, up, np.full(len(points), 0.05), points)
-    assert areas.sum() == pytest.approx(np.pi * 0.6**2, rel=0.35)
-    rims = points[areas > 0]
-    assert np.abs(np.linalg.norm(rims - [2, 2, 0], axis=1) - 0.6).max() < 0.1, "not the edge of the plane"
+    places, areas = open_gaps(points, up, np.full(len(points), 0.05), points)
+    assert areas.sum() == pytest.approx(np.pi * radius_m**2, rel=0.2)
+    assert np.linalg.norm(places - [2, 2, 0], axis=1).max() < radius_m, "not the edge of the plane"
+    np.testing.assert_allclose(np.ptp(places, axis=0), [2 * radius_m, 2 * radius_m, 0], atol=0.1)
+
+
+def test_gaps_of_irregular_samples_are_neither_counted_twice_nor_slit():
+    rng = np.random.default_rng(0)
+    drawn = rng.random((32_000, 3)) * [4, 4, 0] + rng.normal(0, 0.004, (32_000, 3))
+    points = drawn[poisson_disk_indices(drawn, 6400, rng)]
+    points = points[np.linalg.norm(points - [2, 2, 0], axis=1) > 0.8]
+    _, areas = open_gaps(points, local_planes(points)[0], np.full(len(points), 0.05), points)
+    assert 0.75 < areas.sum() / (np.pi * 0.8**2) < 1.1
+
+
+def test_a_strip_alone_is_no_gap():
+    steps = np.arange(0, 1.5, 0.0125)
+    strip = np.stack(np.meshgrid(steps, steps[:4], [0.0]), axis=-1).reshape(-1, 3)
+    beside = np.concatenate([strip + np.array([0, 0.1 * number, 0]) for number in range(5)])
+    areas = [_union(samples, np.tile([0.0, 0.0, 1.0], (len(samples), 1)), 0.05)[2] for samples in (strip, beside)]
+    assert areas[0].sum() == 0
+    # Slits between strips are filled.
+    assert areas[1].sum() == pytest.approx(1.5 * 0.45, rel=0.1)
 
 
 @pytest.mark.parametrize(("beneath_m", "is_gap"), [(None, True), (0.7, False), (0.1, True), (2.0, True)])
@@ -170,16 +199,22 @@ def test_the_floor_seen_between_two_tables_tells_that_they_are_two(beneath_m, is
     up = np.tile([0.0, 0.0, 1.0], (len(tables), 1))
     beneath = np.empty((0, 3)) if beneath_m is None else plane(height_m=0.7 - beneath_m)
     between = np.abs(beneath[:, 0] - 2) <= 0.5
-    areas = gap_areas(tables, up, np.full(len(tables), 0.05), np.concatenate([tables, beneath[between]]))
+    _, areas = open_gaps(tables, up, np.full(len(tables), 0.05), np.concatenate([tables, beneath[between]]))
     assert areas.sum() == (pytest.approx(4 * 1.0, rel=0.15) if is_gap else 0.0)
 
 
-def test_a_gap_in_a_wall_is_one_whatever_lies_beneath():
-    wall = plane()[:, [0, 2, 1]]
-    wall = wall[np.linalg.norm(wall - [2, 0, 2], axis=1) > 0.6]
-    sideways = np.tile([0.0, 1.0, 0.0], (len(wall), 1))
-    areas = gap_areas(wall, sideways, np.full(len(wall), 0.05), np.concatenate([wall, plane()]))
-    assert areas.sum() == pytest.approx(np.pi * 0.6**2, rel=0.35)
+@pytest.mark.parametrize("degrees", [0, 45])
+def test_a_gap_in_a_wall_is_one_whatever_lies_beneath(degrees):
+    wall = plane()
+    wall = turned(wall[np.linalg.norm(wall - [2, 2, 0], axis=1) > 0.6], degrees)
+    # Normals that are a little off must not make two grids of one wall.
+    sideways = turned(np.tile([0.0, 0.0, 1.0], (len(wall), 1)), degrees)
+    sideways = sideways + np.random.default_rng(0).normal(0, 0.03, wall.shape)
+    sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
+    seen = np.concatenate([wall, plane() - [2, 2, 0]])
+    places, areas = open_gaps(wall, sideways, np.full(len(wall), 0.05), seen)
+    assert areas.sum() == pytest.approx(np.pi * 0.6**2, rel=0.2)
+    assert np.ptp(places[:, 2]) == pytest.approx(1.2, abs=0.15)
 
 
 class Idle(Completer):
@@ -199,18 +234,52 @@ def planted():
 def test_the_report_lists_a_planted_hole(planted, tmp_path):
     regions = write_report(planted, tmp_path / "a" / "report", "hall.ply", "idle")
     first = regions[0]
+    # All in the scan's own frame, in which y is up.
     np.testing.assert_allclose(first.center_m, [5003.0, 100.0, -2996.0], atol=0.25)
-    np.testing.assert_allclose(sorted(first.size_m), [0.0, 2.0, 2.0], atol=0.35)
-    # Strips to the middle overlap in a round hole: 1.2 to 1.7 times its area was measured on twenty halls.
-    assert np.pi < first.area_m2 < 1.8 * np.pi and first.confidence is None
+    np.testing.assert_allclose(first.size_m, [2.0, 0.0, 2.0], atol=0.35)
+    np.testing.assert_allclose(np.add(first.low_m, first.high_m) / 2, first.center_m, atol=0.02)
+    np.testing.assert_allclose(np.subtract(first.high_m, first.low_m), first.size_m, atol=0.02)
+    assert 0.7 * np.pi < first.area_m2 < 1.1 * np.pi and first.confidence is None
     assert "left open" in first.reason and [region.number for region in regions] == list(range(1, len(regions) + 1))
     assert all(a.area_m2 >= b.area_m2 for a, b in pairwise(regions))
     facts = json.loads((tmp_path / "a/report/report.json").read_text())
     assert facts["regions"][0]["center_m"] == list(first.center_m) and facts["added_points"] == 0
+    assert facts["up"] == "y" and facts["frame"].startswith("the scan's own")
     assert facts["observed_m2"] == pytest.approx(7 * 6 + 13 * 2.5, rel=0.2)
     page = (tmp_path / "a/report/report.md").read_text()
-    assert "| 1 | 5003." in page and "a gap in a surface" in page
+    assert "| 1 | 5003." in page and "in the scan's own frame (y is up)" in page and "a gap in a surface" in page
     assert (tmp_path / "a/report/report.png").stat().st_size > 10_000
+
+
+def test_large_clusters_are_cut_into_what_can_be_scanned_again(planted):
+    steps = np.arange(0, 6.5, 0.05)
+    gap = np.stack(np.meshgrid(steps, steps[:20], [0.0]), axis=-1).reshape(-1, 3)
+    small = gap[(gap < 0.4).all(axis=1)] + [0, 3, 0]
+    places = np.concatenate([gap, small])
+    wide = replace(planted, rims=places, rims_m2=np.full(len(places), 0.05**2), frame=Frame.with_up("z"))
+    regions = regions_to_scan(wide)
+    assert len(regions) == 3 and all(max(region.size_m) <= 2.2 for region in regions)
+    assert sum(region.area_m2 for region in regions) == pytest.approx(6.5, abs=0.05)
+    assert sorted(round(region.center_m[0], 1) for region in regions) == pytest.approx([1.1, 3.2, 5.4], abs=0.1)
+
+
+def test_labels_of_the_plan_keep_apart():
+    wanted = np.repeat([[0.0, 0.0], [0.1, 0.0], [5.0, 5.0]], [20, 10, 1], axis=0)
+    places = _free_places(wanted, 0.3)
+    gap, _ = cKDTree(places).query(places, k=2)
+    assert gap[:, 1].min() >= 0.3
+    np.testing.assert_array_equal(places[[0, -1]], wanted[[0, -1]])
+    assert np.linalg.norm(places - wanted, axis=1).max() < 3.0
+
+
+def test_the_plan_is_no_finer_than_the_scan(planted):
+    plan = _plan(planted, regions_to_scan(planted))
+    spacing = typical_spacing(planted.cloud.points)
+    assert plan.cell_m >= spacing
+    floor = plan.grey[5:-5, 5:-5]
+    assert plan.gaps.sum() * plan.cell_m**2 == pytest.approx(np.pi, rel=0.25)
+    assert ((floor == 1) & ~plan.gaps[5:-5, 5:-5]).mean() < 0.05, "no checkerboard"
+    np.testing.assert_allclose(plan.marks[0], planted.frame.upright(np.array([[5003.0, 100, -2996]]))[0, :2], atol=0.3)
 
 
 def test_a_filled_hole_is_no_region(planted):
@@ -222,7 +291,7 @@ def test_a_filled_hole_is_no_region(planted):
 
 def test_the_folder_that_cannot_be_written_is_named(planted, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(pcdbench.PcdbenchError, match="the report cannot be written"):
+    with pytest.raises(pcdbench.PcdbenchError, match="file cannot be written: Not a directory"):
         write_report(planted, tmp_path / "file", "a", "b")
 
 

@@ -1,0 +1,40 @@
+"""Whether coordinates can be those of an indoor scan in metres: how long it is, and whether it has a surface at all."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+SMALLEST_M, LARGEST_M = 0.5, 500.0
+# A cloud this much thinner than long, or this thin (standard deviations), is a line: it has no surface to complete.
+# Files round to 0.1 or 1 mm, so that lines are seldom exact.
+_THINNEST, _THINNEST_M = 1e-5, 5e-4
+_FEW = 0.01
+_FAR_SPREADS = 10.0
+
+
+def lies_on_a_line(points: NDArray[np.float64]) -> bool:
+    """Whether (N, 3) points, N at least 2, lie on one line, to half a millimetre or a 100,000th of its length."""
+    _, middle, largest = np.linalg.eigvalsh(np.cov(points - points[0], rowvar=False))
+    return bool(middle <= max(_THINNEST**2 * largest, _THINNEST_M**2))
+
+
+def odd_scale(longest_m: float) -> str | None:
+    """What to say of a scan whose longest side is odd indoors, were it metres; None of others."""
+    if SMALLEST_M <= longest_m <= LARGEST_M:
+        return None
+    cure = "millimetres or centimetres? Multiply its coordinates by 0.001 or 0.01"
+    if longest_m < SMALLEST_M:
+        cure = "kilometres or normalised? Multiply its coordinates by what makes them metres"
+    return f"longest side is {longest_m:,.4g} m, odd for an indoor scan; is its unit {cure} and save it again"
+
+
+def strays(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Rows of the few (N, 3) points, one in a hundred at most, that lie far from all others; none if more do.
+
+    Far is ten times as far from the middle half of the points, along an axis, as that is wide along any.
+    """
+    low, high = np.quantile(points, [0.25, 0.75], axis=0)
+    reach = _FAR_SPREADS * max(float((high - low).max()), SMALLEST_M)
+    far = np.flatnonzero(((points < low - reach) | (points > high + reach)).any(axis=1))
+    return far if len(far) <= _FEW * len(points) else far[:0]
