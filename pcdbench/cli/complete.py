@@ -110,7 +110,7 @@ def _likely_reason(cloud: PointCloud) -> str:
     spacing = typical_spacing(cloud.points)
     if len(cloud) < _FEWEST or spacing > _COARSEST_M:
         return (
-            f"its {len(cloud):,} points, {spacing:.2g} m apart, hardly show a surface; are they too few, or is its "
+            f"its {len(cloud):,} points, {spacing:,.2f} m apart, hardly show a surface; are they too few, or is its "
             "unit not metres?"
         )
     return "it found no gap that it fills"

@@ -124,6 +124,7 @@ def test_frames_are_rotations_with_the_axis_up(up):
     np.testing.assert_array_equal(rotation @ axis, [0, 0, 1])
     points = np.random.default_rng(0).normal(size=(5, 3))
     np.testing.assert_array_equal(frame.column(points, 2), frame.upright(points)[:, 2])
+    assert frame.up == up
 
 
 def test_the_result_depends_on_the_seed_and_not_on_the_workers(tmp_path):
