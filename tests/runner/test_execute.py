@@ -1,6 +1,7 @@
 """One cell: what its rows hold, and that whatever goes wrong costs its own rows alone."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor
 from pcdbench.runner.plan import Request, plan
+from pcdbench.runner.rows import samples_by_metric
+from pcdbench.task import Measurements, Metric
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 
@@ -163,3 +166,11 @@ def test_memory_that_was_freed_before_counts_again():
     if cost.peak_memory_mb is None:
         pytest.skip("this system does not tell peaks of memory")
     assert 40 < cost.peak_memory_mb < 70 and pin
+
+
+def test_samples_are_kept_to_nine_digits():
+    task = SimpleNamespace(metrics=(Metric("error_m", "m", "lower", "its meaning", "mean"),))
+    kept = samples_by_metric(task, Measurements({"error_m": [1.23456789012, 1e-7 / 3]}))["metrics"]["error_m"][
+        "samples"
+    ]
+    assert kept == [1.23456789, 3.33333333e-8]
