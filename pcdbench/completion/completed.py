@@ -28,8 +28,8 @@ class Completed:
         confidence: (N,) float32 in [0, 1]; 1 for observed points.
         spacing_m: (A,) of each added point: how far points are apart there, as on a square grid.
         weakest: (A,) uint8 of each added point: which of `confidence.FACTORS` lowers its confidence most.
-        rims: (R, 3) points on the rims of gaps that stayed open.
-        rims_m2: (R,) square metres of gap that each stands for.
+        gaps: (G, 3) places in gaps that stayed open.
+        gaps_m2: (G,) square metres of gap that each stands for.
         surface_m2: area of what was observed, about.
         frame: which axis is up.
         tiles: how many tiles were completed, failed ones too.
@@ -41,8 +41,8 @@ class Completed:
     confidence: NDArray[np.float32]
     spacing_m: NDArray[np.float64]
     weakest: NDArray[np.uint8]
-    rims: NDArray[np.float64]
-    rims_m2: NDArray[np.float64]
+    gaps: NDArray[np.float64]
+    gaps_m2: NDArray[np.float64]
     surface_m2: float
     frame: Frame
     tiles: int

@@ -77,7 +77,7 @@ def regions_to_scan(completed: Completed) -> list[Region]:
         median = float(np.median(trust[doubtful[members]]))
         found.append((area, _REASON_OF_FACTOR[FACTORS[weakest]], added[members], median))
     found += [
-        (area, OPEN, completed.rims[members], None) for members, area in _pieces(completed.rims, completed.rims_m2)
+        (area, OPEN, completed.gaps[members], None) for members, area in _pieces(completed.gaps, completed.gaps_m2)
     ]
     regions = []
     for number, (area, reason, points, median_trust) in enumerate(sorted(found, key=lambda entry: -entry[0]), start=1):

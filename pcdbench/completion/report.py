@@ -204,7 +204,7 @@ def _plan(completed: Completed, regions: list[Region]) -> _Plan:
         grey=grey,
         trusted=closed((trusted > 0) & (trusted > _VISIBLE_SHARE * observed)),
         doubtful=closed((doubtful > 0) & (doubtful > _VISIBLE_SHARE * observed)),
-        gaps=closed(counts(gaps) > 0, float(completed.rims_m2.max(initial=0.0)) ** 0.5),
+        gaps=closed(counts(gaps) > 0, float(completed.gaps_m2.max(initial=0.0)) ** 0.5),
         marks=np.array(marks).reshape(-1, 2),
     )
 
@@ -217,7 +217,7 @@ def _cells(places: NDArray[np.float64], edge_m: float) -> NDArray[np.int64]:
 
 def _members(completed: Completed, region: Region, unsure: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(M, 2) the places that a region is made of, seen from above, upright, metres."""
-    places = completed.rims if region.confidence is None else completed.cloud.points[unsure]
+    places = completed.gaps if region.confidence is None else completed.cloud.points[unsure]
     # Corners are rounded to centimetres.
     inside = ((places >= np.array(region.low_m) - 0.01) & (places <= np.array(region.high_m) + 0.01)).all(axis=1)
     return completed.frame.upright(places[inside])[:, :2]

@@ -256,7 +256,7 @@ def test_large_clusters_are_cut_into_what_can_be_scanned_again(planted):
     gap = np.stack(np.meshgrid(steps, steps[:20], [0.0]), axis=-1).reshape(-1, 3)
     small = gap[(gap < 0.4).all(axis=1)] + [0, 3, 0]
     places = np.concatenate([gap, small])
-    wide = replace(planted, rims=places, rims_m2=np.full(len(places), 0.05**2), frame=Frame.with_up("z"))
+    wide = replace(planted, gaps=places, gaps_m2=np.full(len(places), 0.05**2), frame=Frame.with_up("z"))
     regions = regions_to_scan(wide)
     assert len(regions) == 3 and all(max(region.size_m) <= 2.2 for region in regions)
     assert sum(region.area_m2 for region in regions) == pytest.approx(6.5, abs=0.05)
@@ -300,5 +300,5 @@ def test_open_gaps_and_surface_count_once_whatever_the_tiles():
     floor = floor[(floor[:, 1] < 4) & (np.linalg.norm(floor - [4, 2, 0], axis=1) > 0.6)]
     one, two = (pcdbench.complete(PointCloud(floor), Idle(), tile_m=tile_m) for tile_m in (20.0, 4.0))
     assert (one.tiles, two.tiles) == (1, 2)
-    assert two.rims_m2.sum() == pytest.approx(one.rims_m2.sum(), rel=0.05)
+    assert two.gaps_m2.sum() == pytest.approx(one.gaps_m2.sum(), rel=0.05)
     assert two.surface_m2 == pytest.approx(one.surface_m2, rel=0.02) and one.surface_m2 == pytest.approx(31, rel=0.05)
