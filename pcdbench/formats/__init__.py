@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
-import secrets
 import warnings
 from collections.abc import Container
 from pathlib import Path
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError, PcdbenchError
+from pcdbench.files import whole_file
 from pcdbench.formats.columns import EVERYTHING, NO_FIELDS, NOTHING, CloudWarning, Columns, Fields, needs_double
 
 __all__ = [
@@ -164,17 +163,15 @@ def write_cloud(
     odd = [name for name, values in fields.items() if values.shape[:1] != (len(cloud),) or values.ndim > 2]
     if odd:
         raise CloudError(f"{path}: field {odd[0]} must have a row for each of the {len(cloud):,} points")
-    unfinished = path.with_name(f".{path.stem[:100]}-{secrets.token_hex(4)}{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        module.write(cloud, unfinished, fields, exact, like)
-        os.replace(unfinished, path)
-    except CloudError as error:
-        raise CloudError(str(error).replace(str(unfinished), str(path))) from error
+        with whole_file(path) as unfinished:
+            try:
+                module.write(cloud, unfinished, fields, exact, like)
+            except CloudError as error:
+                raise CloudError(str(error).replace(str(unfinished), str(path))) from error
     except OSError as error:
         raise CloudError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
-    finally:
-        unfinished.unlink(missing_ok=True) if unfinished.parent.is_dir() else None
 
 
 def _format_module(path: Path) -> Any:
