@@ -5,7 +5,7 @@ from pcdbench.plugins import Register, hookimpl
 
 @hookimpl
 def register_datasets(register: Register) -> None:
-    register("indoor", "pcdbench.datasets.synthetic:Indoor", "fifty generated indoor environments, scanned")
+    register("indoor", "pcdbench.datasets.synthetic:Indoor", "fifty generated indoor environments, scanned", path=False)
     register("s3dis", "pcdbench.datasets.s3dis:S3DIS", "Stanford's rooms as released: text files, six areas")
     register(
         "rgbd", "pcdbench.datasets.rgbd:Rgbd", "posed colour and depth images, fused (7-Scenes, TUM, ScanNet, RTAB-Map)"

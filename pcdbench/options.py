@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Options(BaseModel):
-    """Base of every plugin's options: frozen, and unknown names are errors.
+    """Base of every plugin's options: frozen; unknown names are errors, and so are numbers that are not finite.
 
     A plugin declares a subclass as its `Options`; each field has a default, a type and a description::
 
@@ -17,4 +17,4 @@ class Options(BaseModel):
             options: Options
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import inspect
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -32,7 +33,14 @@ class Register(Protocol):
     """What a hook is given: call it once for each thing that the plugin brings."""
 
     def __call__(
-        self, name: str, target: str, summary: str, *, reference: bool = False, weights: Sequence[Path] = ()
+        self,
+        name: str,
+        target: str,
+        summary: str,
+        *,
+        reference: bool = False,
+        weights: Sequence[Path] = (),
+        path: bool = True,
     ) -> None:
         """Register one thing.
 
@@ -42,6 +50,7 @@ class Register(Protocol):
             summary: one line for `pcdbench list`.
             reference: a row to measure against, not a method (completers only).
             weights: the files of weights that its package brings and that it cannot do without (completers only).
+            path: whether it lies somewhere, as `NAME:PATH` says; False for what is generated (data sets only).
         """
 
 
@@ -73,6 +82,14 @@ _HOOK_OF_KIND: dict[Kind, str] = {
 }
 
 
+BASE_OF_KIND: dict[Kind, str] = {
+    "completer": "Completer",
+    "task": "Task",
+    "dataset": "Dataset",
+    "incompleteness": "Incompleteness",
+}
+
+
 def load_target(target: str) -> Any:
     """Import what "package.module:Class" names; its import may raise anything."""
     module_name, _, attribute = target.partition(":")
@@ -90,6 +107,7 @@ class Registration:
     reference: bool
     origin: str
     weights: tuple[Path, ...] = ()
+    path: bool = True
 
     @property
     def lacks_weights(self) -> bool:
@@ -100,15 +118,31 @@ class Registration:
         """Import the class.
 
         Raises:
-            PluginError: naming the plugin, where it came from and what its import raised.
+            PluginError: naming the plugin, where it came from and what its import raised, or what the class is not.
         """
         try:
-            return load_target(self.target)
+            cls = load_target(self.target)
         except Exception as error:
             raise PluginError(
                 f"{self.kind} {self.name!r} from {self.origin} cannot be loaded from {self.target}: "
                 f"{type(error).__name__}: {error}"
             ) from error
+        _require_sound_class(self, cls)
+        loaded: type[Any] = cls
+        return loaded
+
+
+def _require_sound_class(registration: Registration, cls: Any) -> None:
+    """Refuse a class that is not what it is registered as, or whose declarations nobody could record."""
+    import pcdbench
+
+    who, base = f"{registration.kind} {registration.name!r}: {registration.target}", BASE_OF_KIND[registration.kind]
+    if not (inspect.isclass(cls) and issubclass(cls, getattr(pcdbench, base))):
+        raise PluginError(f"{who} is not a subclass of pcdbench.{base}")
+    if not isinstance(cls.version, str) or not cls.version:
+        raise PluginError(f"{who} has the version {cls.version!r}; it must be a text such as \"1\"")
+    if registration.kind == "task" and not cls.metrics:
+        raise PluginError(f"{who} declares no metrics; set `metrics`, the main one first")
 
 
 @dataclass
@@ -217,13 +251,14 @@ def _registrations(plugin: object, origin: str) -> list[Registration]:
             *,
             reference: bool = False,
             weights: Sequence[Path] = (),
+            path: bool = True,
             kind: Kind = kind,
         ) -> None:
             if not name.replace("_", "a").isalnum() or not name.isascii() or name != name.lower():
                 raise PluginError(f"{kind} name {name!r} may hold only lower case letters, digits and _")
             if ":" not in target:
                 raise PluginError(f'{kind} {name!r}: target {target!r} must look like "package.module:Class"')
-            found.append(Registration(kind, name, target, summary, reference, origin, tuple(weights)))
+            found.append(Registration(kind, name, target, summary, reference, origin, tuple(weights), path))
 
         getattr(manager.hook, hook)(register=register)
     return found

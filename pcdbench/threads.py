@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import TypeVar
 
+from pcdbench.errors import PcdbenchError
+
 T = TypeVar("T")
 
 VARIABLE = "PCDBENCH_THREADS"
@@ -18,10 +20,15 @@ def thread_count() -> int:
     """The threads this process may use: its share as set by `limit_threads`, else all cores it may run on.
 
     Pass it to whatever takes a number of threads (`cKDTree.query(workers=...)`, small_gicp, torch).
+
+    Raises:
+        PcdbenchError: where `PCDBENCH_THREADS` is set to what is no number of threads.
     """
     share = os.environ.get(VARIABLE, "")
-    if share.isdigit():
-        return max(1, int(share))
+    if share:
+        if not share.isdecimal() or not int(share):
+            raise PcdbenchError(f"{VARIABLE}={share} must be a number of threads, 1 or more; mend it or unset it")
+        return int(share)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

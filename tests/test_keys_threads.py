@@ -7,7 +7,10 @@ import threading
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from pcdbench.cli import app
+from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json, digest, file_digest, seed_from
 from pcdbench.paths import cache_dir
 from pcdbench.threads import at_once, children_limited, limit_threads, thread_count
@@ -85,10 +88,19 @@ def test_children_find_their_share_and_the_parent_keeps_its_own(monkeypatch: pyt
     assert "OMP_NUM_THREADS" not in os.environ
 
 
-@pytest.mark.parametrize("nonsense", ["", "many", "-1", "0"])
-def test_a_share_that_is_no_count_leaves_at_least_one_thread(monkeypatch: pytest.MonkeyPatch, nonsense: str) -> None:
+def test_an_empty_share_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PCDBENCH_THREADS", "")
+    assert thread_count() == len(os.sched_getaffinity(0))
+
+
+@pytest.mark.parametrize("nonsense", ["many", "-1", "0", "\N{SUPERSCRIPT TWO}"])
+def test_a_share_that_is_no_count_is_refused_by_every_command(monkeypatch: pytest.MonkeyPatch, nonsense: str) -> None:
     monkeypatch.setenv("PCDBENCH_THREADS", nonsense)
-    assert thread_count() >= 1
+    with pytest.raises(PcdbenchError, match="must be a number of threads"):
+        thread_count()
+    ended = CliRunner().invoke(app, ["list"])
+    assert (ended.exit_code, ended.stdout) == (2, "")
+    assert ended.stderr.startswith(f"pcdbench: PCDBENCH_THREADS={nonsense} must be") and ended.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize("share", ["1", "2", "8"])

@@ -7,6 +7,7 @@ from types import ModuleType
 
 import pytest
 
+from pcdbench.completer import Completer
 from pcdbench.errors import PluginError
 from pcdbench.plugins import GROUP, KINDS, Register, Registry, did_you_mean, hookimpl, load_registry
 
@@ -74,6 +75,30 @@ def test_loading_a_class_that_its_module_lacks_is_one_line(entry_point: Callable
     found = load_registry([entry_point("lazy", register_tasks=registering("later", "json:NoSuchThing"))])
     with pytest.raises(PluginError, match="NoSuchThing"):
         found.get("task", "later").load()
+
+
+class IntegerVersion(Completer):
+    version = 2  # type: ignore[assignment]
+
+    def complete(self, cloud: object, rng: object) -> None:  # type: ignore[override]
+        raise NotImplementedError
+
+
+@pytest.mark.parametrize(
+    ("target", "says"),
+    [
+        ("collections:OrderedDict", "is not a subclass of pcdbench.Completer"),
+        ("json:dumps", "is not a subclass of pcdbench.Completer"),
+        (f"{__name__}:IntegerVersion", 'has the version 2; it must be a text such as "1"'),
+    ],
+)
+def test_a_class_that_is_no_completer_is_refused(
+    entry_point: Callable[..., EntryPoint], target: str, says: str
+) -> None:
+    found = load_registry([entry_point("odd", register_completers=registering("odd_one", target))])
+    with pytest.raises(PluginError, match="completer 'odd_one': ") as caught:
+        found.get("completer", "odd_one").load()
+    assert str(caught.value).endswith(f"{target} {says}")
 
 
 def test_a_broken_plugin_costs_nothing_but_itself(entry_point: Callable[..., EntryPoint]) -> None:

@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 from pcdbench import __version__
 from pcdbench.cli import audit, complete, data, doctor, leaderboard, list_, paper, results, run, show, train, view
 from pcdbench.errors import PcdbenchError
+from pcdbench.threads import thread_count
 
 
 class _Commands(TyperGroup):
@@ -57,6 +58,7 @@ def _options(
 
     Exit codes: 0 fine, 1 a gate or an audit failed, 2 wrong use, 3 the run had failed cells.
     """
+    thread_count()  # a share that is none is refused before anything runs
 
 
 def main() -> None:

@@ -76,7 +76,7 @@ def _options(name: str, model: type[Options]) -> Iterator[str]:
         if field.description:
             yield f"        {field.description}"
     key, field = next(iter(model.model_fields.items()))
-    example = _value(field.get_default(call_default_factory=True))
+    example = "VALUE" if field.is_required() else _value(field.get_default(call_default_factory=True))
     yield ""
     yield f"  for example: --option {name}.{key}={example}"
 

@@ -15,15 +15,8 @@ from pydantic import BaseModel, ValidationError
 
 from pcdbench.downloads import downloaded, is_address
 from pcdbench.errors import PcdbenchError, PluginError, problem_text
-from pcdbench.keys import digest, file_digest
+from pcdbench.keys import canonical_json, digest, file_digest
 from pcdbench.plugins import KINDS, Kind, did_you_mean, registry
-
-BASE_OF_KIND: dict[Kind, str] = {
-    "completer": "Completer",
-    "task": "Task",
-    "dataset": "Dataset",
-    "incompleteness": "Incompleteness",
-}
 
 OptionsModel = TypeVar("OptionsModel", bound=BaseModel)
 
@@ -78,10 +71,10 @@ class Plugin:
 
 
 def parse_options(texts: Sequence[str]) -> dict[str, dict[str, str]]:
-    """`NAME.KEY=VALUE` texts as {name: {key: value}}; the last of two wins.
+    """`NAME.KEY=VALUE` texts as {name: {key: value}}.
 
     Raises:
-        PcdbenchError: for a text of another shape.
+        PcdbenchError: for a text of another shape, or a key with two values.
     """
     options: dict[str, dict[str, str]] = {}
     for text in texts:
@@ -89,7 +82,9 @@ def parse_options(texts: Sequence[str]) -> dict[str, dict[str, str]]:
         name, dot, key = left.partition(".")
         if not (equals and dot and name and key):
             raise PcdbenchError(f"--option {text!r} must look like NAME.KEY=VALUE (plane_fitting.distance_m=0.02)")
-        options.setdefault(name.strip(), {})[key.strip()] = value.strip()
+        its, key, value = options.setdefault(name.strip(), {}), key.strip(), value.strip()
+        if its.setdefault(key, value) != value:
+            raise PcdbenchError(f"--option {name.strip()}.{key} is given twice, as {its[key]} and as {value}; give one")
     return options
 
 
@@ -101,19 +96,31 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         PcdbenchError: for an option it does not have or a value it does not take.
     """
     registration = registry().get(kind, name)
+    if path is not None and not registration.path:
+        raise PcdbenchError(f"data set {name!r} takes no path; leave out :{path}")
     cls = registration.load()
-    _check_class(kind, name, registration.target, cls)
     plugin = Plugin(
         kind=kind,
         name=name,
-        version=str(cls.version),
-        options=checked_options(name, cls.Options, options).model_dump(mode="json"),
+        version=cls.version,
+        options=_recorded(name, checked_options(name, cls.Options, options)),
         reference=registration.reference,
         code=code_digest(cls),
         path=path,
         has_levels=getattr(cls, "has_levels", True),
     )
     return _with_weights(plugin, cls) if kind == "completer" else plugin
+
+
+def _recorded(name: str, options: BaseModel) -> dict[str, Any]:
+    """The options as rows and keys have them."""
+    try:
+        recorded = options.model_dump(mode="json")
+        canonical_json(recorded)
+    except (TypeError, ValueError) as error:
+        # Given values are checked; defaults, and types that pydantic does not know, are the plugin's own.
+        raise PluginError(f"the options of {name} cannot be recorded as JSON ({error}): its Options must change") from None
+    return recorded
 
 
 def option_targets(options: Mapping[str, Mapping[str, str]], names: Mapping[Kind, Sequence[str]]) -> None:
@@ -149,6 +156,10 @@ def checked_options(name: str, model: type[OptionsModel], given: Mapping[str, st
             keys = list(model.model_fields)
             cure = did_you_mean(key, keys) if keys else "it has no options"
             raise PcdbenchError(f"{name} has no option {key!r}; {cure} (see pcdbench show {name})") from None
+        if first["type"] == "missing" and key not in given:
+            raise PcdbenchError(
+                f"{name} needs --option {name}.{key}=VALUE: it has no default (see pcdbench show {name})"
+            ) from None
         value = given.get(key)
         raise PcdbenchError(
             f"--option {name}.{key}={value}: {problem_text(first['msg'])} (see pcdbench show {name})"
@@ -164,16 +175,6 @@ def _typed(model: type[BaseModel], key: str, text: str) -> Any:
     if any((get_origin(one) or one) in _SEQUENCES for one in alternatives):
         return [part.strip() for part in text.strip("()[] ").split(",") if part.strip()]
     return text
-
-
-def _check_class(kind: Kind, name: str, target: str, cls: Any) -> None:
-    import pcdbench
-
-    base = getattr(pcdbench, BASE_OF_KIND[kind])
-    if not (inspect.isclass(cls) and issubclass(cls, base)):
-        raise PluginError(f"{kind} {name!r}: {target} is not a subclass of pcdbench.{BASE_OF_KIND[kind]}")
-    if kind == "task" and not getattr(cls, "metrics", ()):
-        raise PluginError(f"task {name!r}: {target} declares no metrics; set `metrics`, the main one first")
 
 
 def _with_weights(plugin: Plugin, cls: Any) -> Plugin:

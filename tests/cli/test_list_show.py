@@ -37,6 +37,16 @@ class Smear(Completer):
         return cloud
 
 
+class Strict(Completer):
+    """Has an option that must be given."""
+
+    class Options(Options):
+        reach_m: float
+
+    def complete(self, cloud: PointCloud, rng: object) -> PointCloud:
+        return cloud
+
+
 class Weigh(Task):
     """Weighs."""
 
@@ -79,12 +89,14 @@ class Hooks:
     def register_completers(self, register: Register) -> None:
         register("smear", f"{HERE}:Smear", "smears", reference=True)
         register("same", f"{HERE}:Smear", "as a completer")
+        register("strict", f"{HERE}:Strict", "must be told how far")
 
     @hookimpl
     def register_tasks(self, register: Register) -> None:
         register("weigh", f"{HERE}:Weigh", "weighs")
         register("same", f"{HERE}:Weigh", "as a task")
         register("gone", "no_such_module:Class", "its module is not there")
+        register("no_task", f"{HERE}:Smear", "a completer")
 
     @hookimpl
     def register_datasets(self, register: Register) -> None:
@@ -107,7 +119,7 @@ HOOKS, OTHER, CLASHING = Hooks(), OtherHooks(), ClashingHooks()
 
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Six good plugins, one that is broken, two that clash."""
+    """Good plugins, one that is broken, two that clash."""
     found = [
         EntryPoint("good", f"{HERE}:HOOKS", GROUP),
         EntryPoint("other", f"{HERE}:OTHER", GROUP),
@@ -159,6 +171,12 @@ def test_show_a_completer() -> None:
 
 
 @pytest.mark.usefixtures("installed")
+def test_an_option_without_default_is_shown_as_required() -> None:
+    output = run("show", "strict").output
+    assert "reach_m  float, required" in output and "for example: --option strict.reach_m=VALUE" in output
+
+
+@pytest.mark.usefixtures("installed")
 def test_show_a_task_with_its_metrics() -> None:
     output = run("show", "weigh").output
     assert "mass_kg  [kg], lower is better, summed up by its median" in output
@@ -185,6 +203,7 @@ def test_a_name_of_two_kinds_shows_both() -> None:
         ("weihg", "pcdbench: nothing is called 'weihg'; did you mean weigh?"),
         ("gone", "pcdbench: task 'gone' from ? (good = "),
         ("twice", "pcdbench: task 'twice' is registered by"),
+        ("no_task", "pcdbench: task 'no_task': "),
     ],
 )
 def test_what_cannot_be_shown_is_one_line_and_exit_2(name: str, says: str) -> None:

@@ -5,13 +5,19 @@ from pydantic import Field
 
 from pcdbench.errors import PcdbenchError, PluginError
 from pcdbench.options import Options
+from pcdbench.plugins import registry
 from pcdbench.runner.selection import checked_options, option_targets, parse_options, select
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 
 
 def test_options_by_plugin_and_key():
-    assert parse_options(["a.x=1", "a.y=b=c", "a.x=2"]) == {"a": {"x": "2", "y": "b=c"}}
+    assert parse_options(["a.x=1", "a.y=b=c", "a.x=1"]) == {"a": {"x": "1", "y": "b=c"}}
+
+
+def test_an_option_with_two_values_is_refused():
+    with pytest.raises(PcdbenchError, match=r"--option a\.x is given twice, as 1 and as 2; give one"):
+        parse_options(["a.x=1", "a.y=2", "a.x=2"])
 
 
 @pytest.mark.parametrize("text", ["a", "a.x", "a=1", ".x=1", "a.=1"])
@@ -88,6 +94,38 @@ def test_sequences_and_none_are_typed_as_show_prints_them(key, text, value):
 def test_bad_members_of_sequences_name_the_option_and_all_of_its_text(key, text):
     with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: "):
         checked_options("various", Various, {key: text})
+
+
+@pytest.mark.parametrize(
+    ("key", "text"), [("limit", "inf"), ("limit", "nan"), ("limit", "-inf"), ("many", "1,inf")]
+)
+def test_numbers_that_are_not_finite_are_refused(key, text):
+    with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: input should be a finite number"):
+        checked_options("various", Various, {key: text})
+
+
+def test_a_default_that_json_cannot_say_is_the_plugins_fault(monkeypatch):
+    class Endless(Options):
+        reach_m: float = float("inf")
+
+    cls = registry().get("completer", "tiny_fill").load()
+    monkeypatch.setattr(cls, "Options", Endless)
+    with pytest.raises(PluginError, match="the options of tiny_fill cannot be recorded as JSON"):
+        select("completer", "tiny_fill", {})
+
+
+def test_a_data_set_that_is_generated_lies_nowhere():
+    with pytest.raises(PcdbenchError, match="^data set 'indoor' takes no path; leave out :/does/not/exist$"):
+        select("dataset", "indoor", {}, path="/does/not/exist")
+
+
+class Required(Options):
+    reach_m: float
+
+
+def test_an_option_without_default_that_is_not_given_is_asked_for():
+    with pytest.raises(PcdbenchError, match=r"^strict needs --option strict\.reach_m=VALUE: it has no default"):
+        checked_options("strict", Required, {})
 
 
 def test_option_of_a_plugin_that_is_installed_but_not_in_the_run():
