@@ -73,7 +73,8 @@ class Completer(ABC):
 
         Leaderboards read `trained_on` of it: a list of what was seen in training, each a `dataset` (its name) and,
         where that was not all of it, a `split` or `scenes` (names of scenes, or of environments, which begin the
-        names of theirs). A completer that saw a board's test scenes is flagged there.
+        names of theirs). A completer that saw a board's test scenes is flagged there; what is of another shape, or
+        names a split that the data set does not have, is refused before anything runs.
         """
         return None
 

@@ -6,12 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.incompleteness import MEASURED
 from pcdbench.keys import digest, seed_from
 from pcdbench.plugins import Kind, did_you_mean, registry
+from pcdbench.runner.cards import require_known_splits
 from pcdbench.runner.selection import Plugin, option_targets, parse_options, select
 
 ALL = "all"
@@ -173,7 +175,9 @@ def plan(request: Request) -> Plan:
         dataset=dataset,
         split=split,
         tasks=_plugins("task", names["task"], request.tasks, options, left_out),
-        completers=_plugins("completer", names["completer"], request.completers, options, left_out),
+        completers=_plugins(
+            "completer", names["completer"], request.completers, options, left_out, {dataset_name: opened.splits()}
+        ),
         incompletenesses=_plugins(
             "incompleteness", names["incompleteness"], request.incompletenesses, options, left_out
         ),
@@ -207,12 +211,19 @@ def _plugins(
     asked: Sequence[str],
     options: Mapping[str, Mapping[str, str]],
     left_out: dict[str, str],
+    splits: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[Plugin, ...]:
-    """The plugins; one that nobody asked for by name and that cannot be loaded is left out, with its reason."""
+    """The plugins; one that nobody asked for by name and that cannot be loaded is left out, with its reason.
+
+    Args:
+        splits: of data sets that are open, for completers whose cards name some.
+    """
     found: list[Plugin] = []
     for name in names:
         try:
-            found.append(select(kind, name, options.get(name, {})))
+            plugin = select(kind, name, options.get(name, {}))
+            require_known_splits(name, plugin.card, splits)
+            found.append(plugin)
         except PcdbenchError as error:
             if name in asked or name in options:
                 raise

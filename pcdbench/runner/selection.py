@@ -17,6 +17,7 @@ from pcdbench.downloads import downloaded, is_address
 from pcdbench.errors import PcdbenchError, PluginError, problem_text
 from pcdbench.keys import canonical_json, digest, file_digest
 from pcdbench.plugins import KINDS, Kind, did_you_mean, registry
+from pcdbench.runner.cards import checked_card
 
 OptionsModel = TypeVar("OptionsModel", bound=BaseModel)
 
@@ -186,14 +187,17 @@ def _with_weights(plugin: Plugin, cls: Any) -> Plugin:
         return plugin
     try:
         built = plugin.build()
-        card = built.model_card()
-        return replace(plugin, weights=built.weights_digest(), card=None if card is None else dict(card))
+        card, weights = checked_card(plugin.name, built.model_card()), built.weights_digest()
     except PcdbenchError:
         raise
     except Exception as error:
         raise PluginError(
             f"completer {plugin.name!r} cannot say which weights it uses: {type(error).__name__}: {error}"
         ) from error
+    if not (weights is None or isinstance(weights, str)):
+        kind = type(weights).__name__
+        raise PluginError(f"completer {plugin.name!r}: weights_digest() must return a text or None, not {kind}")
+    return replace(plugin, weights=weights, card=card)
 
 
 def code_digest(cls: type) -> str:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from pcdbench.errors import PcdbenchError, PluginError
+from pcdbench.plugins import registry
 from pcdbench.runner.plan import Request, plan
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
@@ -95,6 +96,48 @@ def test_all_leaves_out_what_cannot_be_loaded_with_its_reason():
 def test_asked_for_by_name_it_is_an_error():
     with pytest.raises(PluginError, match="tiny_missing"):
         plan(replace(TINY, completers=["tiny_fill", "tiny_missing"]))
+
+
+def learned(monkeypatch, card, weights="0" * 64):
+    """Has tiny_fill tell this of its weights."""
+    cls = registry().get("completer", "tiny_fill").load()
+    monkeypatch.setattr(cls, "model_card", lambda self: card)
+    monkeypatch.setattr(cls, "weights_digest", lambda self: weights)
+
+
+@pytest.mark.parametrize(
+    ("card", "message"),
+    [
+        ([("dataset", "tiny")], "must return a mapping or None, not list"),
+        ({"made_by": object()}, "must hold JSON values alone"),
+        ({"loss": float("nan")}, "must hold JSON values alone"),
+        ({"trained_on": "tiny"}, r"another trained_on \(trained_on: input should be a valid list"),
+        ({"trained_on": [{"split": "few"}]}, r"another trained_on \(trained_on\.0\.dataset: field required"),
+        ({"trained_on": [{"dataset": "tiny", "split": "fwe"}]}, "'fwe', which tiny does not have; did you mean few"),
+        ({"trained_on": [{"dataset": "indoor", "split": "smokee"}]}, "which indoor does not have; did you mean smoke"),
+    ],
+)
+def test_a_model_card_that_boards_could_not_read_is_refused(monkeypatch, card, message):
+    learned(monkeypatch, card)
+    with pytest.raises(PluginError, match=rf"^completer 'tiny_fill': model_card\(\) .*{message}") as caught:
+        plan(TINY)
+    assert "\n" not in str(caught.value)
+    assert "model_card" in plan(replace(TINY, completers=["all"])).left_out["tiny_fill"]
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [{"dataset": "tiny", "split": "few"}, {"dataset": "tiny"}, {"dataset": "s3dis", "split": "area_1"}, {"dataset": "x"}],
+)
+def test_a_model_card_goes_into_the_configuration(monkeypatch, seen):
+    learned(monkeypatch, {"trained_on": [seen]})
+    assert plan(TINY).configuration["completers"][-1]["card"] == {"trained_on": [seen]}
+
+
+def test_a_digest_that_is_no_text_is_refused(monkeypatch):
+    learned(monkeypatch, None, weights=b"0")
+    with pytest.raises(PluginError, match=r"weights_digest\(\) must return a text or None, not bytes"):
+        plan(TINY)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,74 @@
+"""What a completer says of its weights, checked before anything is run by it: boards read it long after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from pcdbench.errors import PluginError, first_problem
+from pcdbench.keys import canonical_json
+from pcdbench.plugins import did_you_mean, registry
+
+
+class _Seen(BaseModel):
+    dataset: str
+    split: str = ""
+    scenes: list[str] = []
+
+
+class _Card(BaseModel):
+    trained_on: list[_Seen] = []
+
+
+def checked_card(name: str, card: Any) -> dict[str, Any] | None:
+    """The model card that the completer `name` gave, as rows and boards can have it.
+
+    Raises:
+        PluginError: where it is none, or its `trained_on` is not as `Completer.model_card` says.
+    """
+    if card is None:
+        return None
+    if not isinstance(card, Mapping):
+        raise PluginError(f"completer {name!r}: model_card() must return a mapping or None, not {type(card).__name__}")
+    told = dict(card)
+    try:
+        canonical_json(told)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise PluginError(f"completer {name!r}: model_card() must hold JSON values alone ({error})") from None
+    try:
+        _Card.model_validate(told)
+    except ValidationError as error:
+        raise PluginError(
+            f"completer {name!r}: model_card() has another trained_on ({first_problem(error)}); it is a list of "
+            '{"dataset": NAME}, each with a "split", a list of "scenes", or neither'
+        ) from None
+    return told
+
+
+def require_known_splits(name: str, card: Mapping[str, Any] | None, opened: Mapping[str, Sequence[str]]) -> None:
+    """Refuse a card that names a split which its data set does not have: boards would find no scene of it.
+
+    Args:
+        opened: splits by data set, where they are known; others are asked, and those who cannot tell are believed.
+
+    Raises:
+        PluginError: naming the completer and the split.
+    """
+    for seen in (card or {}).get("trained_on", ()):
+        splits = opened.get(seen["dataset"]) or _splits(seen["dataset"])
+        split = seen.get("split", "")
+        if split and splits and split not in splits:
+            raise PluginError(
+                f"completer {name!r}: model_card() names the split {split!r}, which {seen['dataset']} does not have; "
+                f"{did_you_mean(split, splits)}"
+            )
+
+
+def _splits(dataset: str) -> Sequence[str]:
+    try:
+        return list(registry().get("dataset", dataset).load()().splits())
+    except Exception:
+        # It is not installed, needs a path or files, or is another's and raises what it likes.
+        return ()
