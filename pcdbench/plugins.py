@@ -140,7 +140,7 @@ def _require_sound_class(registration: Registration, cls: Any) -> None:
     if not (inspect.isclass(cls) and issubclass(cls, getattr(pcdbench, base))):
         raise PluginError(f"{who} is not a subclass of pcdbench.{base}")
     if not isinstance(cls.version, str) or not cls.version:
-        raise PluginError(f"{who} has the version {cls.version!r}; it must be a text such as \"1\"")
+        raise PluginError(f'{who} has the version {cls.version!r}; it must be a text such as "1"')
     if registration.kind == "task" and not cls.metrics:
         raise PluginError(f"{who} declares no metrics; set `metrics`, the main one first")
 

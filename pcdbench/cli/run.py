@@ -68,6 +68,7 @@ def run(
     The reference completers are added to every run. The same command takes an interrupted run up again and
     does only what is missing.
     """
+    from pcdbench.errors import PcdbenchError
     from pcdbench.runner.jobs import Limits
     from pcdbench.runner.plan import plan
     from pcdbench.runner.run import carry_out
@@ -77,7 +78,7 @@ def run(
     plans = [plan(request) for request in asked]
     for line in _left_out({name: reason for planned in plans for name, reason in planned.left_out.items()}):
         typer.echo(f"pcdbench: {line}", err=True)
-    failed = 0
+    failed, measured, reasons = 0, False, []
     with _place_for_cells(executor, scheduler, jobs, limits) as place:
         for number, planned in enumerate(plans, start=1):
             folder = out if out is None or len(plans) == 1 else out / str(number)
@@ -89,10 +90,14 @@ def run(
                 )
                 raise typer.Exit(130) from None
             failed += len(ended.failed)
+            measured |= any(row["status"] == "ok" for row in ended.rows)
+            reasons += [row["error"] for row in ended.rows if row["status"] == "skipped"]
             _show(planned, ended, format, figures)
     if failed:
         typer.echo(f"pcdbench: {failed} rows failed; the same command tries them again", err=True)
         raise typer.Exit(3)
+    if not measured:
+        raise PcdbenchError(f"nothing was measured: all {len(reasons)} rows were skipped, the first as {reasons[0]}")
 
 
 def _left_out(reasons: Mapping[str, str]) -> list[str]:

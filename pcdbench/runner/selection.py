@@ -120,7 +120,9 @@ def _recorded(name: str, options: BaseModel) -> dict[str, Any]:
         canonical_json(recorded)
     except (TypeError, ValueError) as error:
         # Given values are checked; defaults, and types that pydantic does not know, are the plugin's own.
-        raise PluginError(f"the options of {name} cannot be recorded as JSON ({error}): its Options must change") from None
+        raise PluginError(
+            f"the options of {name} cannot be recorded as JSON ({error}): its Options must change"
+        ) from None
     return recorded
 
 

@@ -22,6 +22,13 @@ ROWS = "rows.jsonl"
 RUN = "run.json"
 _LOCK = ".lock"
 _SHOWN_DIFFERENCES = 3
+_SHOWN_RUNS = 12
+_KINDS = {
+    "completers": "completer",
+    "tasks": "task",
+    "incompletenesses": "incompleteness",
+    "scenes": "scene",
+}
 
 
 class RunStore:
@@ -107,10 +114,9 @@ class RunStore:
             held = told.pop("configuration")
             if digest(held) != digest(self._configuration):
                 differences = _differences(held, self._configuration)
-                raise PcdbenchError(
-                    f"{self.folder} holds another run ({', '.join(differences[:_SHOWN_DIFFERENCES])}); "
-                    "give another --out"
-                )
+                shown = "; ".join(differences[:_SHOWN_DIFFERENCES])
+                more = f"; and {len(differences) - _SHOWN_DIFFERENCES} more" * (len(differences) > _SHOWN_DIFFERENCES)
+                raise PcdbenchError(f"{self.folder} holds another run ({shown}{more}); give another --out")
             self._facts = {**told, **self._facts}
         elif (self.folder / ROWS).exists():
             raise PcdbenchError(f"{self.folder} has {ROWS} but no {RUN}; give another --out")
@@ -138,6 +144,11 @@ def read_run(folder: Path) -> dict[str, Any]:
         if not isinstance(version, int) or not isinstance(content.get("configuration", {}), dict):
             raise ValueError("its schema_version or configuration is of another kind")
     except (FileNotFoundError, NotADirectoryError):
+        held = sorted(str(its.parent) for its in folder.glob(f"*/{RUN}"))
+        if held:
+            more = ", ..." if len(held) > _SHOWN_RUNS else ""
+            shown = ", ".join(held[:_SHOWN_RUNS]) + more
+            raise PcdbenchError(f"{folder} is not a run but holds some: {shown}; give one of them") from None
         raise PcdbenchError(f"{folder} is not a run: it has no {RUN}; runs lie in runs/ or where --out said") from None
     except (OSError, ValueError, RecursionError) as error:
         raise PcdbenchError(f"{path} cannot be read ({error}); run its command again into another folder") from None
@@ -181,25 +192,34 @@ def _drop_torn_line(path: Path) -> None:
             stream.truncate(kept)
 
 
-def _differences(held: Any, wanted: Any, where: str = "") -> list[str]:
-    """`key held, not wanted` for what differs between two configurations."""
+def _differences(held: Any, wanted: Any, *where: str) -> list[str]:
+    """What that run has and this one does not, and the reverse, in words: one text for each difference.
+
+    Args:
+        where: the keys that lead to both.
+    """
     if isinstance(held, dict) and isinstance(wanted, dict):
         return [
             difference
             for key in {**held, **wanted}
-            for difference in _differences(held.get(key), wanted.get(key), f"{where}.{key}" if where else key)
+            for difference in _differences(held.get(key), wanted.get(key), *where, key)
         ]
     if (
         isinstance(held, list)
         and isinstance(wanted, list)
         and all(isinstance(its, dict) and "name" in its for its in held + wanted)
     ):
-        return _differences({its["name"]: its for its in held}, {its["name"]: its for its in wanted}, where)
+        return _differences({its["name"]: its for its in held}, {its["name"]: its for its in wanted}, *where)
     if json.dumps(held) == json.dumps(wanted):
         return []
-    if where.endswith(".code"):
-        return [f"the code of {where.split('.')[-2]} has changed"]
-    return [f"{where}: {_short(held)}, not {_short(wanted)}"]
+    if len(where) == 2 and where[0] in _KINDS and (held is None or wanted is None):
+        has, has_not = ("this run", "that one") if held is None else ("that run", "this one")
+        return [f"{has} has the {_KINDS[where[0]]} {where[1]}, {has_not} does not"]
+    if where[-1] == "code":
+        return [f"the code of {where[-2]} has changed"]
+    owner, *keys = where[1:] if where[0] in _KINDS else where
+    what = f"{' '.join(keys)} of {owner}" if keys else owner
+    return [f"{what}: {_short(held)} in that run, {_short(wanted)} in this one"]
 
 
 def _short(value: Any) -> str:

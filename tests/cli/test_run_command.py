@@ -246,6 +246,24 @@ def test_misuse_is_one_line_and_exit_code_2(run, arguments, message):
     assert sum(line.startswith("pcdbench: ") for line in ended.stderr.splitlines()) == 1
 
 
+def test_a_run_that_measured_nothing_says_why_and_exits_with_2(run, tmp_path):
+    arguments = ["--completer", "tiny_fill", "--task", "tiny_gap", "--dataset", "tiny", "--jobs", "1"]
+    ended = run("run", *arguments, "--incompleteness", "real_pair", "--out", "run", code=2)
+    assert ended.stderr.splitlines()[-1].startswith(
+        "pcdbench: nothing was measured: all 12 rows were skipped, the first as box0 has no incomplete scan"
+    )
+    assert "12 skipped" not in ended.stdout and "3 skipped" in ended.stdout
+
+
+def test_results_of_several_runs_names_them(run, tmp_path):
+    for name in ("b", "a", "notes"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        if name != "notes":
+            (tmp_path / "runs" / name / "run.json").write_text('{"schema_version": 1}')
+    ended = run("results", "runs", code=2)
+    assert ended.stderr == "pcdbench: runs is not a run but holds some: runs/a, runs/b; give one of them\n"
+
+
 def test_results_of_what_is_no_run(run, tmp_path):
     assert "is not a run" in run("results", str(tmp_path), code=2).stderr
 

@@ -127,7 +127,12 @@ def test_a_model_card_that_boards_could_not_read_is_refused(monkeypatch, card, m
 
 @pytest.mark.parametrize(
     "seen",
-    [{"dataset": "tiny", "split": "few"}, {"dataset": "tiny"}, {"dataset": "s3dis", "split": "area_1"}, {"dataset": "x"}],
+    [
+        {"dataset": "tiny", "split": "few"},
+        {"dataset": "tiny"},
+        {"dataset": "s3dis", "split": "area_1"},
+        {"dataset": "x"},
+    ],
 )
 def test_a_model_card_goes_into_the_configuration(monkeypatch, seen):
     learned(monkeypatch, {"trained_on": [seen]})

@@ -96,9 +96,7 @@ def test_bad_members_of_sequences_name_the_option_and_all_of_its_text(key, text)
         checked_options("various", Various, {key: text})
 
 
-@pytest.mark.parametrize(
-    ("key", "text"), [("limit", "inf"), ("limit", "nan"), ("limit", "-inf"), ("many", "1,inf")]
-)
+@pytest.mark.parametrize(("key", "text"), [("limit", "inf"), ("limit", "nan"), ("limit", "-inf"), ("many", "1,inf")])
 def test_numbers_that_are_not_finite_are_refused(key, text):
     with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: input should be a finite number"):
         checked_options("various", Various, {key: text})

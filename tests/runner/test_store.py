@@ -73,9 +73,16 @@ def test_a_second_run_is_refused_while_the_first_lasts(tmp_path):
 @pytest.mark.parametrize(
     ("change", "difference"),
     [
-        ({"levels": [0.1, 0.3]}, r"levels: \[0.1\], not \[0.1, 0.3\]"),
-        ({"completers": [{"name": "b", "version": "1", "code": "x"}]}, "completers.a: a, not none"),
-        ({"completers": [{"name": "a", "version": "2", "code": "x"}]}, r'completers\.a\.version: "1", not "2"'),
+        ({"levels": [0.1, 0.3]}, r"\(levels: \[0\.1\] in that run, \[0\.1, 0\.3\] in this one\); give"),
+        (
+            {"completers": [{"name": "b", "version": "1", "code": "x"}]},
+            r"\(that run has the completer a, this one does not; this run has the completer b, that one does not\)",
+        ),
+        ({"seed": 1}, r"\(seed: none in that run, 1 in this one\)"),
+        (
+            {"completers": [{"name": "a", "version": "2", "code": "x"}]},
+            r'\(version of a: "1" in that run, "2" in this one\)',
+        ),
         ({"completers": [{"name": "a", "version": "1", "code": "y"}]}, "the code of a has changed"),
     ],
 )
@@ -94,7 +101,7 @@ def test_another_run_of_a_completer_with_a_model_card_is_told_too(tmp_path):
 
     with RunStore(tmp_path, completer(1.0), {}):
         pass
-    with pytest.raises(PcdbenchError, match=r"holds another run \(completers\.learned\.card\.curve: "):
+    with pytest.raises(PcdbenchError, match=r"holds another run \(card curve of learned: .* in that run"):
         RunStore(tmp_path, completer(2.0), {}).__enter__()
 
 
