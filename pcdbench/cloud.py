@@ -42,6 +42,9 @@ class PointCloud:
         if colors.shape != points.shape:
             raise CloudError(f"colors must have shape {points.shape} like the points, not {colors.shape}")
         if colors.size and not (colors.min() >= 0.0 and colors.max() <= 1.0):
+            bad = int((~np.isfinite(colors).all(axis=1)).sum())
+            if bad:
+                raise CloudError(f"the colors of {bad} of {len(colors)} points are not finite; mend or drop them")
             raise CloudError("colors must lie in [0, 1]; divide 8-bit colours by 255")
         object.__setattr__(self, "colors", colors)
 

@@ -31,6 +31,15 @@ class CacheWarning(UserWarning):
     """Something that was made could not be kept for next time (a full disk); all goes on without. One line."""
 
 
+def told(error: BaseException) -> str:
+    """`Type: message` in one line, of whatever a plugin raised."""
+    try:
+        message = " ".join(str(error).split())
+    except Exception:
+        message = "(its message cannot be shown)"
+    return f"{type(error).__name__}: {message}" if message else type(error).__name__
+
+
 def first_problem(error: ValidationError) -> str:
     """`where: what` of the first thing that a pydantic model found wrong."""
     first = error.errors()[0]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import inspect
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -137,11 +136,12 @@ def _require_sound_class(registration: Registration, cls: Any) -> None:
     import pcdbench
 
     who, base = f"{registration.kind} {registration.name!r}: {registration.target}", BASE_OF_KIND[registration.kind]
-    if not (inspect.isclass(cls) and issubclass(cls, getattr(pcdbench, base))):
+    if not (isinstance(cls, type) and issubclass(cls, getattr(pcdbench, base))):
         raise PluginError(f"{who} is not a subclass of pcdbench.{base}")
-    if not isinstance(cls.version, str) or not cls.version:
-        raise PluginError(f'{who} has the version {cls.version!r}; it must be a text such as "1"')
-    if registration.kind == "task" and not cls.metrics:
+    declared: Any = cls
+    if not isinstance(declared.version, str) or not declared.version:
+        raise PluginError(f'{who} has the version {declared.version!r}; it must be a text such as "1"')
+    if registration.kind == "task" and not declared.metrics:
         raise PluginError(f"{who} declares no metrics; set `metrics`, the main one first")
 
 

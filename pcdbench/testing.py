@@ -11,6 +11,7 @@ import pickle
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,20 @@ from numpy.typing import NDArray
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer, ReferenceCompleter
-from pcdbench.errors import Skipped
+from pcdbench.errors import PluginError, Skipped, told
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.keys import canonical_json
 from pcdbench.options import Options
+from pcdbench.runner.cards import checked_card, require_known_splits
 from pcdbench.scene import Box, Scene, Surface, TaggedObject
 from pcdbench.task import Measurements, Metric, Task
 
 _MAP_OFFSET_M = np.array([2.0**20, -(2.0**20), 2.0**10])
 _HALVES = 3
+_OR_SKIP = "; raise pcdbench.Skipped where nothing can be done"
+
+Plugin = TypeVar("Plugin", Completer, Task)
+T = TypeVar("T")
 
 
 def check_completer(completer: Completer | type[Completer], *, scene: Scene | None = None) -> None:
@@ -45,42 +51,53 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
     Raises:
         AssertionError: with one line that says what does not hold.
     """
-    completer = completer() if isinstance(completer, type) else completer
+    completer = _built(completer)
     who = type(completer).__name__
     _check_declaration(who, completer)
-    digest = completer.weights_digest()
+    digest = _called(f"{who}.weights_digest()", completer.weights_digest)
     _require(
         digest is None or re.fullmatch("[0-9a-f]{64}", digest) is not None,
         f"{who}.weights_digest() must be None or a SHA-256 in hex, not {digest!r}",
     )
+    _check_card(who, completer)
     scene = scene or small_room()
     case = half_missing(scene, seed=0)
     if isinstance(completer, ReferenceCompleter):
-        _check_repeats(who, lambda rng: completer.answer(case, rng), scene.dense, scene.complete)
+
+        def answered(rng: np.random.Generator) -> PointCloud:
+            with _not_skipped(who):
+                return _called(f"{who}.answer()", completer.answer, case, rng)
+
+        _check_repeats(who, answered, scene.dense, scene.complete)
         return
     cloud = case.cloud
     # A call on another cloud in between shows state that leaks from one cell into the next.
     other = half_missing(scene, seed=1).cloud.without_colors() if not completer.needs_color else cloud
 
+    colorless = "" if completer.needs_color else " (of a cloud without colour: set needs_color if that is why)"
+
     def completed(rng: np.random.Generator) -> PointCloud:
-        completer.complete(other, np.random.default_rng(99))
-        return completer.complete(cloud, rng)
+        with _not_skipped(who):
+            _called(f"{who}.complete()", completer.complete, other, np.random.default_rng(99), cure=colorless)
+            return _called(f"{who}.complete()", completer.complete, cloud, rng)
 
     result = _check_repeats(who, completed, cloud, other)
     _check_confidence(who, completer, cloud, result)
     for name, tiny in _tiny_clouds(completer.needs_color):
         try:
-            _require_cloud(f"{who} on {name}", completer.complete(tiny, np.random.default_rng(0)))
+            returned = _called(f"{who} on {name}", completer.complete, tiny, np.random.default_rng(0), cure=_OR_SKIP)
         except Skipped:
             continue
-        except Exception as error:
-            raise AssertionError(f"{who} on {name}: {type(error).__name__}: {error}; raise pcdbench.Skipped") from error
+        _require_cloud(f"{who} on {name}", returned)
     far = PointCloud(cloud.points + _MAP_OFFSET_M, cloud.colors)
-    returned = completer.complete(far, np.random.default_rng(0)).points - _MAP_OFFSET_M
-    off_m = max(np.median(nearest(returned, result.points)[0]), np.median(nearest(result.points, returned)[0]))
+    who = f"{who} at map coordinates of 10^6 m"
+    with _not_skipped(who):
+        returned = _require_cloud(who, _called(who, completer.complete, far, np.random.default_rng(0)))
+    moved = returned.points - _MAP_OFFSET_M
+    off_m = max(np.median(nearest(moved, result.points)[0]), np.median(nearest(result.points, moved)[0]))
     _require(
         off_m < 1e-3,
-        f"{who} at map coordinates of 10^6 m is off by {off_m * 1000:.1f} mm; centre the points before float32",
+        f"{who} is off by {off_m * 1000:.1f} mm; centre the points before float32",
     )
 
 
@@ -98,14 +115,15 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
     Raises:
         AssertionError: with one line that says what does not hold.
     """
-    task = task() if isinstance(task, type) else task
+    task = _built(task)
     who = type(task).__name__
     _check_declaration(who, task)
     _check_metrics(who, task.metrics)
     scene = scene or small_room()
     halves = [half_missing(scene, seed=draw) for draw in range(_HALVES)]
-    truth = [_measure(who, task, case, scene.complete) for case in halves]
-    with _global_randomness(1):
+    with _not_skipped(who):
+        truth = [_measure(who, task, case, scene.complete) for case in halves]
+    with _global_randomness(1), _not_skipped(who):
         again = _measure(who, task, halves[0], scene.complete)
     # Sums of threads differ in their last digits; anything more is randomness from elsewhere.
     for name, samples in truth[0].samples.items():
@@ -120,7 +138,8 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
             _measure(f"{who} on a completed cloud of {name}", task, halves[0], cloud)
         except Skipped:
             continue
-    floor = [_measure(who, task, case, case.cloud) for case in halves]
+    with _not_skipped(who):
+        floor = [_measure(who, task, case, case.cloud) for case in halves]
     main = task.metrics[0]
     best, worst = _figure(main, truth), _figure(main, floor)
     _require(
@@ -218,8 +237,9 @@ def _check_declaration(who: str, plugin: Completer | Task) -> None:
         _require(not field.is_required(), f"{who}: option {name} needs a default")
         _require(bool(field.description), f"{who}: option {name} needs a description: Field(..., description=...)")
     recorded = plugin.options.model_dump(mode="json")
+    text = _called(f"{who}: options as JSON", canonical_json, recorded)
     _require(
-        model.model_validate(json.loads(canonical_json(recorded))) == plugin.options,
+        _called(f"{who}: options read back", model.model_validate, json.loads(text)) == plugin.options,
         f"{who}: options do not survive being written as JSON and read back",
     )
     _require(pickle.loads(pickle.dumps(plugin.options)) == plugin.options, f"{who}: options cannot be pickled")
@@ -236,9 +256,15 @@ def _check_metrics(who: str, metrics: tuple[Metric, ...]) -> None:
 
 def _check_repeats(who: str, make: Callable[[np.random.Generator], PointCloud], *inputs: PointCloud) -> PointCloud:
     """The cloud that `make(rng)` returns, twice the same, with its inputs as they were."""
-    before = [cloud.points.copy() for cloud in inputs]
+    before = [(cloud.points.copy(), None if cloud.colors is None else cloud.colors.copy()) for cloud in inputs]
     with _global_randomness(0):
         first = _require_cloud(who, make(np.random.default_rng(0)))
+    for cloud, (points, colors) in zip(inputs, before, strict=True):
+        same_colors = colors is None or (cloud.colors is not None and np.array_equal(cloud.colors, colors))
+        _require(
+            np.array_equal(cloud.points, points) and same_colors,
+            f"{who} wrote into the cloud it was given, which others are given, too; change a copy of its arrays",
+        )
     with _global_randomness(1):
         second = _require_cloud(who, make(np.random.default_rng(0)))
     same_colors = first.colors is second.colors is None or (
@@ -248,8 +274,6 @@ def _check_repeats(who: str, make: Callable[[np.random.Generator], PointCloud], 
         np.array_equal(first.points, second.points) and same_colors,
         f"{who} gave two clouds for the same input and rng; take randomness from the rng alone",
     )
-    for cloud, points in zip(inputs, before, strict=True):
-        _require(np.array_equal(cloud.points, points), f"{who} changed its input")
     return first
 
 
@@ -257,7 +281,7 @@ def _measure(who: str, task: Task, case: Case, completed: PointCloud) -> Measure
     """The measurements of one cloud, shown to be what was declared, with case and cloud as they were."""
     looked_at = [case.kept, case.scene.complete.points, case.scene.dense.points, completed.points]
     before = [array.copy() for array in looked_at]
-    result = task.evaluate(case, completed, np.random.default_rng(case.seed))
+    result = _called(f"{who}.evaluate()", task.evaluate, case, completed, np.random.default_rng(case.seed))
     _require(isinstance(result, Measurements), f"{who} must return pcdbench.Measurements, not {type(result).__name__}")
     declared, measured = {metric.name for metric in task.metrics}, set(result.samples)
     _require(declared == measured, f"{who} declares {sorted(declared)} but measures {sorted(measured)}")
@@ -301,8 +325,12 @@ def _global_randomness(seed: int) -> Iterator[None]:
 
 def _check_confidence(who: str, completer: Completer, cloud: PointCloud, result: PointCloud) -> None:
     """Hold `complete_with_confidence` to the cloud that `complete` returned for the same rng."""
-    same, confidence = completer.complete_with_confidence(cloud, np.random.default_rng(0))
     who = f"{who}.complete_with_confidence()"
+    with _not_skipped(who):
+        answer: object = _called(who, completer.complete_with_confidence, cloud, np.random.default_rng(0))
+    if not (isinstance(answer, tuple) and len(answer) == 2):
+        raise AssertionError(f"{who} must return two things, the cloud and its confidence (or None)")
+    same, confidence = _require_cloud(who, answer[0]), answer[1]
     _require(np.array_equal(same.points, result.points), f"{who} and complete() must return the same cloud")
     if confidence is None:
         return
@@ -312,6 +340,44 @@ def _check_confidence(who: str, completer: Completer, cloud: PointCloud, result:
     )
     within = (np.asarray(confidence) >= 0) & (np.asarray(confidence) <= 1)
     _require(bool(within.all()), f"{who} must stay in [0, 1]")
+
+
+def _check_card(who: str, completer: Completer) -> None:
+    card = _called(f"{who}.model_card()", completer.model_card)
+    try:
+        require_known_splits(who, checked_card(who, card), {})
+    except PluginError as error:
+        raise AssertionError(str(error)) from None
+
+
+def _built(plugin: Plugin | type[Plugin]) -> Plugin:
+    """The plugin, built with its default options where its class is given."""
+    return _called(f"{plugin.__name__}()", plugin) if isinstance(plugin, type) else plugin
+
+
+@contextmanager
+def _not_skipped(who: str) -> Iterator[None]:
+    """A room is no reason to skip."""
+    try:
+        yield
+    except Skipped as reason:
+        raise AssertionError(
+            f"{who} skips the room that it is tried on ({reason}); give a scene= that it takes"
+        ) from None
+
+
+def _called(who: str, call: Callable[..., T], *given: Any, cure: str = "") -> T:
+    """What `call(*given)` returns, where `call` is a plugin's own; `Skipped` passes, all else is told in one line.
+
+    Raises:
+        AssertionError: naming whom it is from and what it raised, a `SystemExit` too.
+    """
+    try:
+        return call(*given)
+    except (Skipped, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise AssertionError(f"{who}: {told(error)}{cure}") from error
 
 
 def _require_cloud(who: str, result: object) -> PointCloud:

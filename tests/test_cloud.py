@@ -51,11 +51,19 @@ def test_points_that_are_not_finite_are_counted_and_refused(bad: float) -> None:
         PointCloud(points)
 
 
-@pytest.mark.parametrize("value", [-0.01, 1.01, 255.0, np.nan])
+@pytest.mark.parametrize("value", [-0.01, 1.01, 255.0])
 def test_colors_outside_0_to_1_are_refused(value: float) -> None:
     colors = np.full((4, 3), 0.5)
     colors[2, 1] = value
     with pytest.raises(CloudError, match=r"\[0, 1\]"):
+        PointCloud(POINTS, colors)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_colors_that_are_not_finite_are_told_apart_from_8_bit_ones(value: float) -> None:
+    colors = np.full((4, 3), 0.5)
+    colors[2, 1] = value
+    with pytest.raises(CloudError, match=r"the colors of 1 of 4 points are not finite; mend or drop them"):
         PointCloud(POINTS, colors)
 
 

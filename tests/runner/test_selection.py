@@ -113,7 +113,7 @@ def test_a_default_that_json_cannot_say_is_the_plugins_fault(monkeypatch):
 
 
 def test_a_data_set_that_is_generated_lies_nowhere():
-    with pytest.raises(PcdbenchError, match="^data set 'indoor' takes no path; leave out :/does/not/exist$"):
+    with pytest.raises(PcdbenchError, match=r"^data set 'indoor' takes no path; leave out :/does/not/exist$"):
         select("dataset", "indoor", {}, path="/does/not/exist")
 
 
