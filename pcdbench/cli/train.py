@@ -46,8 +46,11 @@ def train(
         raise PcdbenchError(f"--hours {hours} must be a number of hours")
     if device not in ("auto", "cpu", "cuda"):
         raise PcdbenchError(f"--device {device!r} must be auto, cpu or cuda")
-    if out.exists() and (out / "checkpoint.safetensors").exists() and not resume:
+    there = (out / "checkpoint.safetensors").exists()
+    if there and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
+    if resume and not there:
+        raise PcdbenchError(f"{out} holds no training to resume (no checkpoint.safetensors); leave out --resume")
     trainee = load_target(target).for_options(_options(completer_name, completer, option or ()))
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
@@ -72,6 +75,7 @@ def train(
         stream=stream,
         start=None if start is None else Weights(start, str(start), name),
         resume=resume,
+        name=name,
         device=device,
         workers=workers,
         validate=Validation(),

@@ -141,6 +141,7 @@ def _trained(experiment: Experiment, out: Path, place: Place) -> tuple[Path, Map
         preset=preset,
         stream=stream,
         resume=True,
+        name=entry.name,
         validate=Validation(),
         report=lambda line: place.report(f"{experiment.trained}: {line}"),
     )

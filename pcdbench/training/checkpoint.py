@@ -30,9 +30,16 @@ def save_checkpoint(
 
 
 def load_checkpoint(
-    path: Path, network: nn.Module, average: dict[str, Tensor], optimizer: torch.optim.Optimizer
+    path: Path,
+    network: nn.Module,
+    average: dict[str, Tensor],
+    optimizer: torch.optim.Optimizer,
+    name: str | None = None,
 ) -> dict[str, Any]:
     """Restore network, average and optimizer in place; returns the progress that was saved.
+
+    Args:
+        name: of what is trained.
 
     Raises:
         PcdbenchError: where the file is not a checkpoint of this network.
@@ -42,9 +49,11 @@ def load_checkpoint(
     try:
         with safe_open(path, "pt") as stored:
             progress = json.loads((stored.metadata() or {}).get("progress", ""))
+            _require_name(path, progress, name)
             tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - not a mapping
+        _require_shapes(_under("network/", tensors), network.state_dict(), "network")
         network.load_state_dict(_under("network/", tensors))
-        _require_shapes(_under("average/", tensors), network.state_dict())
+        _require_shapes(_under("average/", tensors), network.state_dict(), "average")
         state: dict[int, dict[str, Tensor]] = {}
         for name, value in _under("optimizer/", tensors).items():
             index, _, key = name.partition("/")
@@ -53,7 +62,7 @@ def load_checkpoint(
         optimizer.load_state_dict({"state": state, "param_groups": optimizer.state_dict()["param_groups"]})
     except (OSError, SafetensorError, KeyError, ValueError, RuntimeError, RecursionError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise PcdbenchError(f"{path} is not a checkpoint of this network ({reason}); train without --resume") from error
+        raise PcdbenchError(f"{path} is not a checkpoint of this network ({reason}); give another --out") from error
     average.update(_under("average/", tensors))
     return progress
 
@@ -74,10 +83,17 @@ def _halved(value: Tensor) -> Tensor:
     return half if bool(torch.isfinite(half).all()) else value
 
 
-def _require_shapes(tensors: Mapping[str, Tensor], like: Mapping[str, Tensor]) -> None:
+def _require_name(path: Path, progress: Any, name: str | None) -> None:
+    """Refuse the training of something else, where the checkpoint tells of what it is."""
+    held = progress.get("name") if isinstance(progress, dict) else None
+    if name is not None and held is not None and held != name:
+        raise PcdbenchError(f"{path} holds a training of {held}, not of {name}; train {held}, or give another --out")
+
+
+def _require_shapes(tensors: Mapping[str, Tensor], like: Mapping[str, Tensor], what: str) -> None:
     """Raise ValueError unless these are tensors of the same names and shapes."""
     if {name: its.shape for name, its in tensors.items()} != {name: its.shape for name, its in like.items()}:
-        raise ValueError("its average is one of other tensors")
+        raise ValueError(f"its {what} is one of other tensors")
 
 
 def _require_state(state: Mapping[int, Mapping[str, Tensor]], optimizer: torch.optim.Optimizer) -> None:

@@ -16,7 +16,8 @@ from pydantic import TypeAdapter, ValidationError
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
-from pcdbench.errors import PcdbenchError, first_problem
+from pcdbench.completer import Completer
+from pcdbench.errors import PcdbenchError, first_problem, told
 from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
 from pcdbench.threads import children_limited, thread_count
@@ -66,6 +67,7 @@ class Progress:
         overflowed: steps in a row that were left out, their gradients not being finite.
         begun_from: which weights it began from (`Weights.origin`), if any.
         seed: of the stream, which a resumption must have, too.
+        name: of what is trained (`deeppcd.color`), likewise.
     """
 
     step: int = 0
@@ -78,6 +80,7 @@ class Progress:
     overflowed: int = 0
     begun_from: dict[str, Any] | None = None
     seed: int | None = None
+    name: str | None = None
 
     def validated(self, error: float) -> None:
         """Take a new validation error and, after too many without a better one, lower the rate."""
@@ -117,17 +120,26 @@ class _Examples(Dataset):
         return self._trainee.example(self._stream[index], rng)
 
 
-def resumed(path: Path, network: nn.Module, average: dict[str, Tensor], optimizer: torch.optim.Optimizer) -> Progress:
+def resumed(
+    path: Path,
+    network: nn.Module,
+    average: dict[str, Tensor],
+    optimizer: torch.optim.Optimizer,
+    name: str | None = None,
+) -> Progress:
     """Where the training of a checkpoint was; network, average and optimizer are restored in place.
+
+    Args:
+        name: of what is trained.
 
     Raises:
         PcdbenchError: where the file is not a checkpoint of this network.
     """
     try:
-        return TypeAdapter(Progress).validate_python(load_checkpoint(path, network, average, optimizer))
+        return TypeAdapter(Progress).validate_python(load_checkpoint(path, network, average, optimizer, name))
     except ValidationError as error:
         raise PcdbenchError(
-            f"{path} does not say where its training was ({first_problem(error)}); train without --resume"
+            f"{path} does not say where its training was ({first_problem(error)}); give another --out"
         ) from None
 
 
@@ -140,6 +152,7 @@ def train(
     stream: PairStream | None = None,
     start: Weights | None = None,
     resume: bool = False,
+    name: str | None = None,
     device: str = "auto",
     workers: int = 1,
     validate: Callable[[Any], float] | None = None,
@@ -156,13 +169,15 @@ def train(
         stream: where the pairs come from; its seed decides the first weights too, unless `start` gives them.
         start: weights of the same network to begin from.
         resume: go on from the checkpoint in `out`, if there is one: the next examples are those that would have come.
+        name: of the completer, or of its part; a checkpoint that holds another one is refused by its name.
         device: `auto`, `cpu` or `cuda`. Several GPUs and machines are used where `accelerate launch` starts this.
         workers: loader processes that prepare examples.
         validate: the validation error of a completer; the progress line and the curve show it.
         report: takes the progress line, now and then.
 
     Raises:
-        PcdbenchError: where the checkpoint, or `start`, is of another network.
+        PcdbenchError: where the checkpoint, or `start`, is of another network, or where `validate` would have no
+            completer to ask.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -170,6 +185,9 @@ def train(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PcdbenchError(f"{out} cannot be made ({error.strerror}); give another folder") from None
+    if validate is not None:
+        # Not hours later, when there is something to validate; before the seed is set, so that nothing else changes.
+        _require_completer(trainee)
     torch.manual_seed(stream.seed)
     torch.set_num_threads(thread_count())
     accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")
@@ -184,13 +202,13 @@ def train(
             torn.unlink()
     checkpoint, curve = out / "checkpoint.safetensors", Curve(out)
     if resume and checkpoint.exists():
-        progress = resumed(checkpoint, plain, average, optimizer)
+        progress = resumed(checkpoint, plain, average, optimizer, name)
         curve.cut(progress.step)
         if progress.seed not in (None, stream.seed):
             raise PcdbenchError(f"{checkpoint} is of seed {progress.seed}; go on with --seed {progress.seed}")
     else:
         curve.cut(-1)
-    progress.seed = stream.seed
+    progress.seed, progress.name = stream.seed, name or progress.name
     network, optimizer = accelerator.prepare(plain, optimizer)
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
     began, saved, validated, drawn, reported = time.monotonic() - progress.seconds, *(4 * [time.monotonic()])
@@ -239,6 +257,23 @@ def train(
             save()
         raise
     return progress
+
+
+def _require_completer(trainee: Trainee) -> None:
+    """Have the trainee make a completer of a network that learned nothing: what raises would raise at the end, too."""
+    made: Any = None
+    try:
+        made = trainee.completer(trainee.network().eval())
+    except Exception as error:
+        # A trainee may be another's, and raises what it likes.
+        problem = told(error) if not isinstance(error, PcdbenchError) else str(error)
+    else:
+        problem = "" if isinstance(made, Completer) else f"it returned {type(made).__name__}, not a completer"
+    if problem:
+        raise PcdbenchError(
+            f"{type(trainee).__name__}.completer(network) makes no completer of a network that is there already "
+            f"({problem}); see docs/training.md"
+        )
 
 
 def _of_main(accelerator: Accelerator, budget: Budget, progress: Progress) -> float:

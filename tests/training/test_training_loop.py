@@ -16,7 +16,9 @@ import torch
 from accelerate import Accelerator
 from safetensors.torch import load_file
 from torch import nn
+from typer.testing import CliRunner
 
+from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError
@@ -55,6 +57,11 @@ class HeightTrainee(Trainee):
 
     def completer(self, network: nn.Module) -> Completer:
         raise NotImplementedError
+
+
+class Standing(Completer):
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        return cloud
 
 
 def small_room(index: int) -> Truth:
@@ -97,8 +104,8 @@ def test_stopped_anywhere_and_resumed_the_weights_are_the_same_bit_by_bit(tmp_pa
     class Seen(HeightTrainee):
         presets: ClassVar = {"default": Preset(learning_rate=0.02, batch=2, validate_every=1)}
 
-        def completer(self, network: nn.Module) -> Any:
-            return None
+        def completer(self, network: nn.Module) -> Completer:
+            return Standing()
 
     options = {"workers": 0, "report": lambda _: None, "device": "cpu", "save_every_s": 0.0}
     train(Seen(), tmp_path / "whole", Budget(steps=12), validate=lambda _: 1.0, **options)
@@ -227,6 +234,54 @@ def test_another_seed_does_not_go_on_with_a_training(tmp_path: Path) -> None:
     with pytest.raises(PcdbenchError, match="is of seed 3; go on with --seed 3"):
         trained(tmp_path, 4, stream=PairStream(4), resume=True)
     assert trained(tmp_path, 4, stream=PairStream(3), resume=True).step == 4
+
+
+def test_a_checkpoint_tells_of_what_it_is(tmp_path: Path) -> None:
+    trained(tmp_path, 2, name="height")
+    with pytest.raises(PcdbenchError, match="holds a training of height, not of width; train height, or give another"):
+        trained(tmp_path, 4, name="width", resume=True)
+    assert trained(tmp_path, 4, name="height", resume=True).step == 4
+
+    class Wider(HeightTrainee):
+        def network(self) -> nn.Module:
+            return nn.Linear(3, 1)
+
+    with pytest.raises(PcdbenchError, match=r"this network \(its network is one of other tensors\)"):
+        train(Wider(), tmp_path, Budget(steps=6), workers=0, report=lambda _: None, device="cpu", resume=True)
+
+
+@pytest.mark.parametrize(
+    ("made", "problem"),
+    [
+        (TypeError("unexpected keyword 'network'"), "TypeError: unexpected keyword 'network'"),
+        (PcdbenchError("the weights are not there"), "the weights are not there"),
+        (None, "it returned NoneType, not a completer"),
+    ],
+)
+def test_a_trainee_that_makes_no_completer_is_told_before_the_first_step(
+    tmp_path: Path, made: Exception | None, problem: str
+) -> None:
+    class Unfinished(HeightTrainee):
+        def completer(self, network: nn.Module) -> Any:
+            if made is not None:
+                raise made
+
+    options = {"workers": 0, "report": lambda _: None, "device": "cpu", "validate": lambda _: 1.0}
+    with pytest.raises(PcdbenchError) as caught:
+        train(Unfinished(), tmp_path, Budget(steps=1), **options)
+    assert f"Unfinished.completer(network) makes no completer of a network that is there already ({problem})" in str(
+        caught.value
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_resuming_where_nothing_is_is_refused(tmp_path: Path) -> None:
+    arguments = ["train", "voxel_unet", "--steps", "1", "--resume", "--out", str(tmp_path / "new")]
+    ended = CliRunner().invoke(app, arguments)
+    assert ended.exit_code == 2 and not (tmp_path / "new").exists()
+    assert ended.stderr == (
+        f"pcdbench: {tmp_path / 'new'} holds no training to resume (no checkpoint.safetensors); leave out --resume\n"
+    )
 
 
 def test_a_loss_that_is_not_finite_ends_it_before_the_checkpoint_is_lost(tmp_path: Path) -> None:
