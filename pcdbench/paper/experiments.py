@@ -60,13 +60,20 @@ class Outcome:
 
 
 def outcomes(publication: Publication, place: Place) -> dict[str, Outcome]:
-    """Carry out the experiments, in their order; what is there already is not done again."""
+    """Carry out the experiments, in their order; what is there already is not done again.
+
+    Raises:
+        PcdbenchError: where none of them measured anything.
+    """
     found = {}
     for name, experiment in publication.runs.items():
         place.report(f"{name}")
         found[name] = _outcome(name, experiment, place)
         if found[name].left_out:
             place.report(f"{name} is left out: {found[name].left_out}")
+    if not any(row["status"] == "ok" for its in found.values() for row in its.rows):
+        reasons = [its.left_out or next((row["error"] for row in its.rows), "") for its in found.values()]
+        raise PcdbenchError(f"nothing was measured, so there is no page: {next(iter(reasons), 'it has no runs')}")
     return found
 
 

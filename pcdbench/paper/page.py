@@ -15,6 +15,10 @@ from pcdbench.paper.publication import Part, Publication
 from pcdbench.runner.store import write_text
 
 _DIGITS = 3
+_WEIGHTS_HEAD = (
+    "| weights | training pairs | hours | on | ChD in validation, of doing nothing |",
+    "|---|---|---|---|---|",
+)
 _NOTHING = "\N{EN DASH}"
 
 
@@ -26,7 +30,9 @@ def write_page(publication: Publication, outcomes: Mapping[str, Outcome], comman
     for part in publication.parts:
         lines += [f"## {part.number}: {part.title}", ""]
         lines += _part(part, numbers, path)
-    lines += ["## What they were trained for", "", *_compute(outcomes)]
+    learned = list(_compute(outcomes))
+    if learned:
+        lines += ["## What they were trained for", "", *_WEIGHTS_HEAD, *learned]
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -105,8 +111,6 @@ def _ours(its: Estimate | None) -> str:
 
 def _compute(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
     """A line for each set of weights that was used."""
-    yield "| weights | training pairs | hours | on | ChD in validation, of doing nothing |"
-    yield "|---|---|---|---|---|"
     told = set()
     for run, its in outcomes.items():
         for plugin in its.planned.completers if its.planned is not None else ():

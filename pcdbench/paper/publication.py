@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from pcdbench.errors import PcdbenchError, first_problem
+from pcdbench.paper.names import require_known_names
 from pcdbench.suite import Suite, read_toml
 
 FILE = "publication.toml"
@@ -175,6 +176,7 @@ def read_publication(place: str) -> Publication:
     except ValidationError as error:
         raise PcdbenchError(f"{path}: {first_problem(error)}") from None
     _require_sound(publication, path)
+    require_known_names(publication, path)
     return publication
 
 

@@ -125,6 +125,7 @@ def test_the_page_has_the_rows_numbers_beside_the_published_ones(paper) -> None:
     assert cells_of(page, "learned")[0] == "\N{EN DASH}"
     assert "`learned` was not run: it needs weights of its own: give --weights FOLDER" in page
     assert "learned is left out" in ended.stderr
+    assert "What they were trained for" not in page, "nobody learned"
 
 
 def test_going_on_does_only_what_is_missing_and_writes_the_same_page(paper) -> None:
@@ -168,6 +169,37 @@ def test_rows_of_another_run_count_where_the_code_is_the_same(paper) -> None:
         ('kind = "bars"', 'kind = "pie"', r"figure"),
         ('title = "Gaps"', 'titel = "Gaps"', r"parts\.0\.title: field required"),
         ("[differs]", "[differs", r"is not TOML"),
+        (
+            'completers = ["tiny_fill"]\ntasks = ["tiny_gap"]\nreferences',
+            'completers = ["tiny_fil"]\ntasks = ["tiny_gap"]\nreferences',
+            r"the run main: no completer is called 'tiny_fil'; did you mean tiny_fill",
+        ),
+        (
+            'run = "main", completer = "tiny_fill", level = 0.5',
+            'run = "main", completer = "tiny_fil", level = 0.5',
+            r"Table 1: the run main has no completer 'tiny_fil'; did you mean tiny_fill",
+        ),
+        ("level = 0.5 }", "level = 0.1 }", r"Table 1: the run main has no level 0\.1; it has 0\.3, 0\.5"),
+        (
+            'metric = "gap_m", statistic = "mean", factor',
+            'metric = "gap", factor',
+            r"tiny_gap has no metric 'gap'; did",
+        ),
+        (
+            'run = "main", task = "tiny_gap"',
+            'run = "main", task = "chamfer"',
+            r"Figure 1: the run main has no task 'cha",
+        ),
+        (
+            'column = { heading = "gap", task = "tiny_gap", metric = "gap_m"',
+            'column = { heading = "gap", task = "tiny_gap", metric = "gapm"',
+            r"Figure 2: tiny_gap has no metric",
+        ),
+        (
+            'published = [{ completer = "tiny_fill"',
+            'published = [{ completer = "pcn"',
+            r"Figure 3: the run main has no",
+        ),
     ],
 )
 def test_mistakes_in_the_file_are_told(paper, old: str, new: str, message: str) -> None:
@@ -176,6 +208,15 @@ def test_mistakes_in_the_file_are_told(paper, old: str, new: str, message: str) 
     ended = paper(code=2)
     assert re.search(message, ended.stderr), ended.stderr
     assert len(ended.stderr.strip().splitlines()) == 1
+
+
+def test_where_nothing_was_measured_there_is_no_page_but_the_reason(paper) -> None:
+    head, parts = PUBLICATION[: PUBLICATION.index("[runs.main]")], PUBLICATION.index("[[parts]]")
+    learned = PUBLICATION[PUBLICATION.index("[runs.learned]") : parts]
+    Path("boxes.toml").write_text(f"{head}{learned}[[parts]]\nnumber = 'Table 1'\ntitle = 'Gaps'\n")
+    ended = paper(code=2)
+    assert "pcdbench: nothing was measured, so there is no page: it needs weights of its own" in ended.stderr
+    assert not Path("paper/paper.md").exists()
 
 
 WHERE = r"a completer that has one \(deeppcd, deeppcd_merged\) or a publication\.toml"
