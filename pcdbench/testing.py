@@ -35,7 +35,13 @@ Plugin = TypeVar("Plugin", Completer, Task)
 T = TypeVar("T")
 
 
-def check_completer(completer: Completer | type[Completer], *, scene: Scene | None = None) -> None:
+def _nowhere(_: str) -> None:
+    """Tests need no report of what holds."""
+
+
+def check_completer(
+    completer: Completer | type[Completer], *, scene: Scene | None = None, report: Callable[[str], None] = _nowhere
+) -> None:
     """Hold a completer to its contract on small generated clouds.
 
     It must return a cloud, give the same one for the same rng whatever it did before, leave its input alone,
@@ -47,6 +53,7 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
     Args:
         completer: the class, built with its default options, or an instance.
         scene: what to complete; `small_room()` unless given.
+        report: takes a line for each thing that holds.
 
     Raises:
         AssertionError: with one line that says what does not hold.
@@ -60,6 +67,7 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
         f"{who}.weights_digest() must be None or a SHA-256 in hex, not {digest!r}",
     )
     _check_card(who, completer)
+    report("version, options, weights' digest and model card can be shown and recorded")
     scene = scene or small_room()
     case = half_missing(scene, seed=0)
     if isinstance(completer, ReferenceCompleter):
@@ -69,6 +77,7 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
                 return _called(f"{who}.answer()", completer.answer, case, rng)
 
         _check_repeats(who, answered, scene.dense, scene.complete)
+        report("the same answer for the same rng, and the case as it was")
         return
     cloud = case.cloud
     # A call on another cloud in between shows state that leaks from one cell into the next.
@@ -82,13 +91,16 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
             return _called(f"{who}.complete()", completer.complete, cloud, rng)
 
     result = _check_repeats(who, completed, cloud, other)
+    report("the same cloud for the same rng, whatever came before, and the input as it was")
     _check_confidence(who, completer, cloud, result)
+    report("complete_with_confidence() returns the same cloud, and a confidence in [0, 1] or none")
     for name, tiny in _tiny_clouds(completer.needs_color):
         try:
             returned = _called(f"{who} on {name}", completer.complete, tiny, np.random.default_rng(0), cure=_OR_SKIP)
         except Skipped:
             continue
         _require_cloud(f"{who} on {name}", returned)
+    report("one point, two, a line and fifty at one place are completed or skipped")
     far = PointCloud(cloud.points + _MAP_OFFSET_M, cloud.colors)
     who = f"{who} at map coordinates of 10^6 m"
     with _not_skipped(who):
@@ -99,9 +111,12 @@ def check_completer(completer: Completer | type[Completer], *, scene: Scene | No
         off_m < 1e-3,
         f"{who} is off by {off_m * 1000:.1f} mm; centre the points before float32",
     )
+    report("map coordinates of 10^6 m keep their millimetres")
 
 
-def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
+def check_task(
+    task: Task | type[Task], *, scene: Scene | None = None, report: Callable[[str], None] = _nowhere
+) -> None:
     """Hold a task to its contract on a small generated room.
 
     It must measure exactly the metrics it declares, in finite numbers, the same ones for the same rng; leave
@@ -111,6 +126,7 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
     Args:
         task: the class, built with its default options, or an instance.
         scene: what to measure; `small_room()` unless given.
+        report: takes a line for each thing that holds.
 
     Raises:
         AssertionError: with one line that says what does not hold.
@@ -119,6 +135,7 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
     who = type(task).__name__
     _check_declaration(who, task)
     _check_metrics(who, task.metrics)
+    report("version, options and metrics can be shown and recorded")
     scene = scene or small_room()
     halves = [half_missing(scene, seed=draw) for draw in range(_HALVES)]
     with _not_skipped(who):
@@ -131,6 +148,7 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
             len(samples) == len(again.samples[name]) and np.allclose(samples, again.samples[name], 1e-6, 1e-9),
             f"{who}: {name} has other values for the same rng; use no other randomness",
         )
+    report("the declared metrics, finite, the same for the same rng, and case and cloud as they were")
     one_point = scene.complete.select(np.arange(1))
     odd = {"one point": one_point} | ({} if task.needs_color else {"no colour": scene.complete.without_colors()})
     for name, cloud in odd.items():
@@ -138,6 +156,7 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
             _measure(f"{who} on a completed cloud of {name}", task, halves[0], cloud)
         except Skipped:
             continue
+    report("completed clouds of one point, and without colour, are measured or skipped")
     with _not_skipped(who):
         floor = [_measure(who, task, case, case.cloud) for case in halves]
     main = task.metrics[0]
@@ -147,6 +166,7 @@ def check_task(task: Task | type[Task], *, scene: Scene | None = None) -> None:
         f"{who}: {main.name} ({main.direction} is better) is {best:.4g} for the truth and {worst:.4g} for half of it; "
         "a task that cannot tell them apart measures nothing",
     )
+    report(f"{main.name} is better for the truth ({best:.4g}) than for half of it ({worst:.4g})")
 
 
 def half_missing(scene: Scene, seed: int) -> Case:

@@ -8,7 +8,21 @@ import typer
 from typer.core import TyperGroup
 
 from pcdbench import __version__
-from pcdbench.cli import audit, complete, data, doctor, leaderboard, list_, paper, results, run, show, train, view
+from pcdbench.cli import (
+    audit,
+    check,
+    complete,
+    data,
+    doctor,
+    leaderboard,
+    list_,
+    paper,
+    results,
+    run,
+    show,
+    train,
+    view,
+)
 from pcdbench.errors import PcdbenchError
 from pcdbench.threads import thread_count
 
@@ -33,6 +47,7 @@ app.command("results")(results.results)
 app.command("audit")(audit.audit)
 app.add_typer(data.app, name="data")
 app.add_typer(leaderboard.app, name="leaderboard")
+app.command("check")(check.check)
 app.command("complete")(complete.complete)
 app.command("paper")(paper.paper)
 app.command("doctor")(doctor.doctor)
@@ -56,7 +71,7 @@ def _options(
 ) -> None:
     """How much does completing an indoor point cloud help what you want to do with it?
 
-    Exit codes: 0 fine, 1 a gate or an audit failed, 2 wrong use, 3 the run had failed cells.
+    Exit codes: 0 fine, 1 a gate, an audit or a check failed, 2 wrong use, 3 the run had failed cells.
     """
     thread_count()  # a share that is none is refused before anything runs
 

@@ -216,7 +216,9 @@ class Colorful(Completer):
 
 class Faulty(Completer):
     class Options(pcdbench.Options):
-        how: Literal["raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once"] = "raise"
+        how: Literal["raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once"] = Field(
+            "raise", description="how it fails"
+        )
         level: float = Field(0.0, description="fails only where more than this share of 300 points is missing")
         mark: str = Field("", description="for `once`: fails until this file exists")
 
