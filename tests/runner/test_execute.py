@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("tiny_plugins")
 def run_rows(tmp_path):
     """A function that runs a request in this process and gives its rows."""
 
-    def run(*options, completers=("tiny_fill",), tasks=("tiny_gap",), levels=(0.3,), references=False):
+    def run(*options, completers=("tiny_fill",), tasks=("tiny_gap",), levels=(0.3,), references=False, scenes=1):
         request = Request(
             completers,
             tasks,
@@ -27,7 +27,7 @@ def run_rows(tmp_path):
             None,
             ["slab"],
             levels,
-            options=["tiny.scenes=1", *options],
+            options=[f"tiny.scenes={scenes}", *options],
             references=references,
         )
         planned = plan(request)
@@ -58,7 +58,7 @@ def test_density_is_capped_before_the_task_sees_it(run_rows):
 
 
 def test_all_completers_and_levels_are_measured_with_the_same_draws(run_rows):
-    rows = run_rows("tiny.scenes=2", completers=["tiny_fill", "tiny_colorful"], levels=(0.1, 0.5))
+    rows = run_rows(completers=["tiny_fill", "tiny_colorful"], levels=(0.1, 0.5), scenes=2)
     drawn = {(row["scene"], tuple(row["metrics"]["drawn"]["samples"])) for row in rows}
     assert len(rows) == 8 and len(drawn) == 2
 
@@ -121,7 +121,7 @@ def test_a_completer_that_needs_colour_skips_scenes_without(run_rows):
 
 
 def test_a_scene_that_cannot_be_made_fails_with_its_reason(run_rows):
-    rows = run_rows("tiny.broken=box1", "tiny.scenes=3")
+    rows = run_rows("tiny.broken=box1", scenes=3)
     found = {row["scene"]: (row["status"], row["stage"], row["error"]) for row in rows}
     assert found["box1"] == ("failed", "scene", "box1.ply has no points; scan it again")
     assert found["box0"] == found["box2"] == ("ok", None, None)
