@@ -49,14 +49,15 @@ def train(
     there = (out / "checkpoint.safetensors").exists()
     if there and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
-    if resume and not there:
-        raise PcdbenchError(f"{out} holds no training to resume (no checkpoint.safetensors); leave out --resume")
     trainee = load_target(target).for_options(_options(completer_name, completer, option or ()))
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
     chosen = trainee.presets[preset]
     if hours is None and steps is None and chosen.steps is None:
         raise PcdbenchError("say how long to train: --hours H or --steps S")
+    # Whatever stops a training, before its first checkpoint too, the same command goes on.
+    if resume and not there:
+        typer.echo(f"{out} holds no checkpoint to resume: the training begins from nothing", err=True)
     from accelerate import PartialState
 
     from pcdbench.training.card import write_card

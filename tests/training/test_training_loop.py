@@ -275,13 +275,17 @@ def test_a_trainee_that_makes_no_completer_is_told_before_the_first_step(
     assert not list(tmp_path.iterdir())
 
 
-def test_resuming_where_nothing_is_is_refused(tmp_path: Path) -> None:
-    arguments = ["train", "voxel_unet", "--steps", "1", "--resume", "--out", str(tmp_path / "new")]
-    ended = CliRunner().invoke(app, arguments)
-    assert ended.exit_code == 2 and not (tmp_path / "new").exists()
-    assert ended.stderr == (
-        f"pcdbench: {tmp_path / 'new'} holds no training to resume (no checkpoint.safetensors); leave out --resume\n"
-    )
+def test_resuming_where_nothing_is_begins_from_nothing_and_says_so(tmp_path: Path, monkeypatch) -> None:
+    asked = []
+
+    def stopped(*_: Any, **given: Any) -> None:
+        asked.append(given["resume"])
+        raise PcdbenchError("stopped")
+
+    monkeypatch.setattr("pcdbench.training.loop.train", stopped)
+    ended = CliRunner().invoke(app, ["train", "voxel_unet", "--steps", "1", "--resume", "--out", str(tmp_path / "new")])
+    told = f"{tmp_path / 'new'} holds no checkpoint to resume: the training begins from nothing\n"
+    assert asked == [True] and ended.stderr == f"{told}pcdbench: stopped\n"
 
 
 def test_a_loss_that_is_not_finite_ends_it_before_the_checkpoint_is_lost(tmp_path: Path) -> None:
