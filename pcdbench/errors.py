@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import sys
+import warnings
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from typing import TextIO
+
     from pydantic import ValidationError
 
 
@@ -25,6 +29,10 @@ class Skipped(PcdbenchError):
 
     A skipped measurement is not a failure: a cloud without colour has no SSIM.
     """
+
+
+class RunWarning(UserWarning):
+    """Something about a run that whoever reads its figures should know. One line."""
 
 
 class CacheWarning(UserWarning):
@@ -50,3 +58,16 @@ def problem_text(message: str) -> str:
     """A message of pydantic's, to go on with in a line."""
     text = message.removeprefix("Value error, ")
     return text[:1].lower() + text[1:]
+
+
+def warn_in_one_line(console: TextIO | None = None) -> None:
+    """From now on this process tells warnings of pcdbench in one line, as errors are, on standard error or there."""
+    ordinary = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if category.__module__.partition(".")[0] == "pcdbench":
+            print(f"pcdbench: {message}", file=console or sys.stderr)
+        else:
+            ordinary(message, category, *where)
+
+    warnings.showwarning = show  # type: ignore[assignment]

@@ -12,10 +12,10 @@ import os
 import signal
 import sys
 import threading
-import warnings
 from multiprocessing.process import BaseProcess
-from typing import Any, NoReturn, TextIO
+from typing import NoReturn
 
+from pcdbench.errors import warn_in_one_line
 from pcdbench.threads import limit_threads
 
 _OUT_OF_MEMORY_SCORE = 500
@@ -37,7 +37,7 @@ def begin_worker(threads: int, output: int | None = None) -> None:
         os.dup2(output, 2)
     os.dup2(2, 1)
     _flush_line_by_line()
-    _warn_in_one_line(console)
+    warn_in_one_line(console)
     end_as_a_group()
     faulthandler.enable(file=2, all_threads=False)
     if output is not None:
@@ -63,18 +63,6 @@ def _flush_line_by_line() -> None:
         libc.setvbuf(ctypes.c_void_p.in_dll(libc, "stdout"), None, _LINE_BUFFERED, ctypes.c_size_t(0))
     except (OSError, ValueError, AttributeError, TypeError):
         return  # a system whose C library has other names
-
-
-def _warn_in_one_line(console: TextIO) -> None:
-    ordinary = warnings.showwarning
-
-    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
-        if category.__module__.partition(".")[0] == "pcdbench":
-            print(f"pcdbench: {message}", file=console)
-        else:
-            ordinary(message, category, *where)
-
-    warnings.showwarning = show  # type: ignore[assignment]
 
 
 def end_as_a_group() -> None:

@@ -23,7 +23,7 @@ from pcdbench.cli import (
     train,
     view,
 )
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, warn_in_one_line
 from pcdbench.threads import thread_count
 
 
@@ -78,4 +78,5 @@ def _options(
 
 def main() -> None:
     """The console script `pcdbench`."""
+    warn_in_one_line()
     app()

@@ -15,7 +15,7 @@ from pcdbench.leaderboard.run_shape import require_sound_facts, require_sound_ke
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.runner.row_shape import require_sound_rows
 from pcdbench.runner.rows import cost_measured
-from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
+from pcdbench.runner.store import ROWS, RUN, read_rows, read_run, warn_of_missing_rows
 
 # Machines round differently; what they measure of one key differs by less than this share of the value.
 AGREEMENT = 1e-3
@@ -133,6 +133,7 @@ def _read(folder: Path) -> RunRows:
         rows.append(_slim(row, shared, folder / ROWS))
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
+    warn_of_missing_rows(folder, facts, rows)
     return RunRows(folder, facts, rows)
 
 

@@ -16,7 +16,7 @@ from pcdbench.leaderboard.summary import samples_table, summarize
 from pcdbench.runner.row_shape import require_sound_rows
 from pcdbench.runner.rows import Row
 from pcdbench.runner.selection import Plugin
-from pcdbench.runner.store import ROWS, RUN, read_rows, read_run
+from pcdbench.runner.store import ROWS, RUN, read_rows, read_run, warn_of_missing_rows
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -100,9 +100,9 @@ def rows_of_run(folder: Path) -> Sequence[Row]:
     Raises:
         PcdbenchError: where there is no run, or nothing in it yet; where one of its rows is not what rows are.
     """
-    read_run(folder)
-    rows = read_rows(folder)
+    facts, rows = read_run(folder), read_rows(folder)
     require_sound_rows(rows, folder / ROWS)
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
+    warn_of_missing_rows(folder, facts, rows)
     return rows

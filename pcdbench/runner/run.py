@@ -20,7 +20,7 @@ from pcdbench.runner.pool import LocalProcesses
 from pcdbench.runner.progress import RunProgress
 from pcdbench.runner.provenance import provenance
 from pcdbench.runner.rows import Row
-from pcdbench.runner.store import RunStore
+from pcdbench.runner.store import PLANNED_ROWS, RunStore
 from pcdbench.threads import thread_count
 
 RUNS = Path("runs")
@@ -64,6 +64,7 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
         "dataset_path": plan.dataset.path,
         "left_out": dict(plan.left_out),
         "workers": executor.workers,
+        PLANNED_ROWS: len(plan.cells) * len(plan.tasks),
         "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
         **provenance(),
     }

@@ -5,14 +5,15 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from filelock import FileLock, Timeout
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, RunWarning
 from pcdbench.files import UNFINISHED, whole_file
 from pcdbench.keys import digest
 from pcdbench.runner.rows import SCHEMA_VERSION, Row
@@ -20,6 +21,8 @@ from pcdbench.runner.stored_rows import StoredRows
 
 ROWS = "rows.jsonl"
 RUN = "run.json"
+# In `run.json`: how many rows it will have when it is finished.
+PLANNED_ROWS = "planned_rows"
 _LOCK = ".lock"
 _SHOWN_DIFFERENCES = 3
 _SHOWN_RUNS = 12
@@ -165,6 +168,14 @@ def read_rows(folder: Path) -> StoredRows:
             it is left out.
     """
     return StoredRows(folder / ROWS)
+
+
+def warn_of_missing_rows(folder: Path, facts: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> None:
+    """`RunWarning` where a run has fewer rows than it was to have: its figures are of other cases than they seem."""
+    planned, count = facts.get(PLANNED_ROWS), len({row["key"] for row in rows})
+    if isinstance(planned, int) and count < planned:
+        told = f"{folder} has {count:,} of its {planned:,} rows: it is not finished; its command (in {RUN}) goes on"
+        warnings.warn(told, RunWarning, stacklevel=3)
 
 
 def write_text(path: Path, text: str) -> None:

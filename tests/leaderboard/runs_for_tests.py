@@ -67,12 +67,15 @@ def store_run(
     *,
     cards: dict[str, Any] | None = None,
     code: str | None = None,
+    planned: int | None = None,
     calibration: float | None = 1.0,
     cpu: str = "a processor",
     split: str = "test",
     time: str = "2026-01-01T00:00:00Z",
 ) -> Path:
-    """Store rows as a run; `cards` are model cards by completer, `code` the digest of what completed."""
+    """Store rows as a run; `cards` are model cards by completer, `code` the digest of what completed, `planned`
+    how many rows it was to have.
+    """
     rows = list(rows)
     folder.mkdir(parents=True, exist_ok=True)
     completers = {digest(row["completer"]): row["completer"] for row in rows}.values()
@@ -87,7 +90,7 @@ def store_run(
         "time": time,
         "calibration_seconds": calibration,
         "machine": {"cpu": cpu, "cores": 2},
-    }
+    } | ({} if planned is None else {"planned_rows": planned})
     (folder / "run.json").write_text(json.dumps(facts))
     (folder / "rows.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     return folder

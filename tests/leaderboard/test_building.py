@@ -7,11 +7,12 @@ import re
 import pytest
 from runs_for_tests import full_row, store_run
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, RunWarning
 from pcdbench.leaderboard.board_file import board_json
 from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.building import board_of_runs
 from pcdbench.leaderboard.render import markdown, summary_tables
+from pcdbench.leaderboard.results import read_results
 from pcdbench.leaderboard.summary import summarize
 
 SCENES = [f"room{number}" for number in range(7)]
@@ -115,6 +116,17 @@ def test_the_best_is_best_over_as_many_cases_as_any(tmp_path):
     assert "**" not in lines["lucky"] and "(3 of 7 cases)" in lines["lucky"]
     shown = markdown(summary_tables(summarize(json.loads(line) for line in (run / "rows.jsonl").open())))
     assert "**plain**" in shown and "**lucky**" not in shown
+
+
+def test_a_run_that_is_not_finished_is_told(tmp_path):
+    run = store_run(tmp_path / "run", rows_of("a", 1.0), planned=9)
+    for read in (lambda: board_of_runs("b", [run]), lambda: read_results(run)):
+        with pytest.warns(
+            RunWarning, match=r"run has 7 of its 9 rows: it is not finished; its command \(in run.json\)"
+        ):
+            read()
+    store_run(run, rows_of("a", 1.0), planned=7)
+    assert len(read_results(run)) and board_of_runs("b", [run]).cells
 
 
 def test_splits_stand_side_by_side(tmp_path):
