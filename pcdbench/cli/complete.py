@@ -16,7 +16,7 @@ _FEWEST, _COARSEST_M = 500, 0.25
 
 def complete(
     scan: Annotated[
-        Path, typer.Argument(metavar="IN", help="The scan: PLY, PCD, XYZ, TXT, CSV, LAS, LAZ, E57 or NPZ.")
+        Path, typer.Argument(metavar="IN", help="The scan: PLY, PCD, XYZ, PTS, TXT, CSV, LAS, LAZ, E57 or NPZ.")
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="Where to write; any of these formats.")],
     completer: Annotated[str, typer.Option(help="A completer from `pcdbench list`.")],

@@ -34,13 +34,14 @@ _MODULE_OF_EXTENSION = {
     ".txt": "text",
     ".csv": "text",
     ".asc": "text",
+    ".pts": "text",
     ".las": "las",
     ".laz": "las",
     ".e57": "e57",
     ".npz": "npz",
 }
 EXTENSIONS = tuple(_MODULE_OF_EXTENSION)
-_WITHOUT_FIELDS = (".e57",)
+_WITHOUT_FIELDS = (".e57", ".pts")
 _MESH_EXTENSIONS = (".obj", ".stl", ".off", ".gltf", ".glb", ".dae", ".fbx", ".3ds")
 
 # What `pcdbench complete` writes of each point: whether it was added (0 or 1), and how far it can be trusted.

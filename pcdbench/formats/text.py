@@ -41,7 +41,7 @@ class _Layout:
     lines_before: int
     names: list[str]  # of the columns; [] where the file does not say
     columns: int
-    is_counted: bool  # a first line has the number of points
+    promised: int | None  # points, where a first line has their number
 
 
 def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
@@ -68,6 +68,8 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         names = _names_by_place(numbers, layout, path)
         xyz, rgb = coordinate_and_color_names(names)
         column = dict(zip(names, numbers.T, strict=True))
+    if path.suffix.lower() == ".pts" and layout.promised is not None and len(numbers) < layout.promised:
+        raise CloudError(f"{path} is cut off: {len(numbers):,} of {layout.promised:,} points are there; copy it again")
     fields = {name: column[name] for name in column if name in wanted and name not in xyz + rgb}
     colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path) if rgb else None
     return Columns(np.stack([column[name] for name in xyz], axis=1), colors, fields)
@@ -81,7 +83,7 @@ def _names_by_place(numbers: NDArray[np.float64], layout: _Layout, path: Path) -
     if _are_unit_vectors(numbers[:, 3:6]):
         return [*names[:3], "nx", "ny", "nz", *names[6:]]
     if layout.columns == 7 and _may_be_bytes(numbers[:, 4:7]):
-        if layout.is_counted or not _may_be_bytes(numbers[:, 3]):
+        if layout.promised is not None or not _may_be_bytes(numbers[:, 3]):
             return [*names[:3], "intensity", *_RGB]
         warnings.warn(
             f"{path}: its seven columns have no names; the 4th to 6th are taken for red, green and blue. If the 4th is "
@@ -130,7 +132,7 @@ def write(
     """Write x y z with 0.01 mm (a nanometre where it must be exact) and 8-bit colours.
 
     CSV with commas and a header line, all others with blanks; these have a comment that names the columns only
-    where there are fields.
+    where there are fields, and PTS files begin with the number of points.
     """
     is_csv = path.suffix.lower() == ".csv"
     separator = "," if is_csv else " "
@@ -145,6 +147,8 @@ def write(
         formats.append("%d" if field.dtype.kind in "iu" else "%.9g" if field.dtype == np.float32 else "%.16g")
         columns.append(field)
     with path.open("w", encoding="ascii") as stream:
+        if path.suffix.lower() == ".pts":
+            stream.write(f"{len(cloud)}\n")
         if is_csv or fields:
             stream.write(f"{'' if is_csv else '# '}{separator.join(names)}\n")
         # In pieces: all columns as doubles at once would take as much memory again as the cloud.
@@ -161,7 +165,7 @@ def _layout(path: Path) -> _Layout:
         raise CloudError(f"{path} is text in UTF-16; save it as UTF-8")
     if b"\0" in start:
         raise CloudError(f"{path} is not text; check its extension")
-    is_counted = False
+    promised = None
     names: list[str] = []
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         lines = [stream.readline(1 << 16) for _ in range(_HEADER_LINES)]
@@ -174,8 +178,8 @@ def _layout(path: Path) -> _Layout:
         elif words and all(map(_is_number, words)):
             # Some programs write the number of points before the first of them.
             if len(words) > 1 or not words[0].isdecimal():
-                return _Layout(separator, number, names if len(names) == len(words) else [], len(words), is_counted)
-            is_counted = True
+                return _Layout(separator, number, names if len(names) == len(words) else [], len(words), promised)
+            promised = int(words[0]) if len(words[0]) < 16 else None
         elif text and not names:
             names = words
         elif text:

@@ -15,7 +15,7 @@ from pcdbench.formats import (
     write_cloud,
 )
 
-WITH_FIELDS = [extension for extension in EXTENSIONS if extension != ".e57"]
+WITH_FIELDS = [extension for extension in EXTENSIONS if extension not in (".e57", ".pts")]
 
 
 def fields_of(path):

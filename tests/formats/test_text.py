@@ -99,6 +99,19 @@ def test_seven_columns_without_names(tmp_path):
     assert fields["column_7"].tolist() == [7, 8]
 
 
+def test_pts_files_begin_with_the_number_of_points(tmp_path):
+    rows = "1 2 3 -800 255 0 51\n4 5 6 12 0 51 255\n"
+    (tmp_path / "a.pts").write_text(f"2\n{rows}")
+    cloud, fields = read_cloud_and_fields(tmp_path / "a.pts")
+    np.testing.assert_array_equal(cloud.points, [[1, 2, 3], [4, 5, 6]])
+    assert fields["intensity"].tolist() == [-800, 12] and cloud.colors is not None
+    cloud.write(tmp_path / "b.pts")
+    assert (tmp_path / "b.pts").read_text().splitlines()[0] == "2"
+    (tmp_path / "a.pts").write_text(f"3\n{rows}")
+    with pytest.raises(CloudError, match=r"a\.pts is cut off: 2 of 3 points are there"):
+        read_cloud(tmp_path / "a.pts")
+
+
 def test_columns_without_names_are_fields_by_their_place(tmp_path):
     path = tmp_path / "a.xyz"
     path.write_text("0 0 0 9\n1 2 3 8\n")
