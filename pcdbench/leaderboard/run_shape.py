@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from pcdbench.errors import PcdbenchError, first_problem
 from pcdbench.keys import canonical_json
+from pcdbench.runner.cards import CardShape
 
 _KEY = re.compile(r"[0-9a-f]{16,64}")
 _LARGEST_DRAW = 65_535  # pages count draws in two bytes
@@ -28,19 +29,9 @@ class _Data(_Plugin):
     digest: _Text
 
 
-class _Seen(BaseModel):
-    dataset: str
-    split: str = ""
-    scenes: list[str] = []
-
-
-class _Card(BaseModel):
-    trained_on: list[_Seen] = []
-
-
 class _Completer(_Plugin):
     weights: str | None
-    card: _Card | None = None
+    card: CardShape | None = None
 
 
 class _Named(BaseModel):

@@ -18,7 +18,9 @@ class _Seen(BaseModel):
     scenes: list[str] = []
 
 
-class _Card(BaseModel):
+class CardShape(BaseModel):
+    """What boards read of a model card."""
+
     trained_on: list[_Seen] = []
 
 
@@ -38,7 +40,7 @@ def checked_card(name: str, card: Any) -> dict[str, Any] | None:
     except (TypeError, ValueError, RecursionError) as error:
         raise PluginError(f"completer {name!r}: model_card() must hold JSON values alone ({error})") from None
     try:
-        _Card.model_validate(told)
+        CardShape.model_validate(told)
     except ValidationError as error:
         raise PluginError(
             f"completer {name!r}: model_card() has another trained_on ({first_problem(error)}); it is a list of "
