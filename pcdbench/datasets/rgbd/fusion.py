@@ -125,7 +125,9 @@ def fused(sequence: Sequence, settings: Settings) -> Fused:
     points = found.point.positions.to(dtype.Float64).numpy()
     normals = found.point.normals.to(dtype.Float64).numpy()
     colors = np.clip(found.point.colors.to(dtype.Float32).numpy(), 0, 1) if is_colored else None
-    kept = _together(points, _LONELY_VOXELS * settings.voxel_m)
+    # Open3D's threads find voxels in any order.
+    order = np.lexsort(points.T)
+    kept = order[_together(points, _LONELY_VOXELS * settings.voxel_m)[order]]
     cloud = PointCloud(points + origin, colors).select(kept)
     return Fused(cloud, normals[kept], np.stack(poses), skipped, float(np.median(medians)))
 
