@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 from pcdbench import PointCloud
 from pcdbench.datasets.synthetic import Indoor
@@ -105,11 +105,12 @@ def sheet(tiles: list[tuple[str, Image.Image]], columns: int, size: tuple[int, i
     rows = -(-len(tiles) // columns)
     page = Image.new("RGB", (columns * (size[0] + 8), rows * (size[1] + 24)), "white")
     draw = ImageDraw.Draw(page)
+    font = ImageFont.load_default(14)
     for k, (title, image) in enumerate(tiles):
         x, y = k % columns * (size[0] + 8), k // columns * (size[1] + 24)
         image.thumbnail(size, Image.Resampling.LANCZOS)
         page.paste(image, (x + (size[0] - image.width) // 2, y + (size[1] - image.height) // 2))
-        draw.text((x + 6, y + size[1] + 4), title, fill="black")
+        draw.text((x + 6, y + size[1] + 3), title, fill="black", font=font)
     return page
 
 
@@ -130,7 +131,7 @@ def clouds_sheet() -> Image.Image:
     tiles = []
     for name in Indoor().scene_names("smoke"):
         scene = Indoor().scene(name)
-        for title, cloud, dot in (("dense", scene.dense, 2), ("complete", scene.complete, 3)):
+        for title, cloud, dot in (("dense", scene.dense, 2), ("complete", scene.complete, 5)):
             line = f"{name}  {scene.info['kind']}, {title}: {len(cloud):,} points ({scene.info['survey']})"
             tiles.append((line, as_image(cloud_picture(cloud, 690, dot))))
     return sheet(tiles, 2, (690, 470))
