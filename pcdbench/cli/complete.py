@@ -43,7 +43,7 @@ def complete(
     from pcdbench.completion.progress import TileProgress
     from pcdbench.completion.report import require_report_folder, write_report
     from pcdbench.errors import CloudError, PcdbenchError
-    from pcdbench.formats import carries_fields, read_observed
+    from pcdbench.formats import MARKS, carries_fields, read_observed
     from pcdbench.paths import require_writable
     from pcdbench.runner.selection import option_targets, parse_options, select
 
@@ -90,6 +90,10 @@ def complete(
             "PLY, PCD, LAS, text and NPZ can, and --added-only needs no mark",
             err=True,
         )
+    taken = [name for name in MARKS if name in fields]
+    if marked and taken and not added_only:
+        told = ", ".join(f"{name} is written as {name}_scan" for name in taken)
+        typer.echo(f"pcdbench: of the fields of {scan} {told}", err=True)
     if not marked and fields and not added_only:
         typer.echo(f"pcdbench: {out.suffix} cannot hold {', '.join(fields)} of {scan}: left out", err=True)
     if added_only:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
+from pcdbench.errors import CloudError
 from pcdbench.formats import MARKS, carries_fields, write_cloud
 from pcdbench.formats.columns import NO_FIELDS, Fields
 from pcdbench.geometry.frames import Frame
@@ -79,7 +80,8 @@ class Completed:
         Args:
             added_only: write the added points alone, without further fields.
             fields: further numbers of each observed point, (N,) or (N, K), written too where the format has fields. Of
-                added points they are not known: 0 where numbers are whole, else NaN.
+                added points they are not known: 0 where numbers are whole, else NaN. A scan's own `added` and
+                `confidence` become `added_scan` and `confidence_scan`.
             like: the scan, whose coordinate reference system is taken over from LAS to LAS.
 
         Raises:
@@ -90,8 +92,13 @@ class Completed:
         first = len(self.cloud) - len(cloud)
         written: dict[str, NDArray[Any]] = {}
         if carries_fields(path):
-            known = NO_FIELDS if added_only else fields
-            written = {name: _lengthened(values, len(self.spacing_m), name) for name, values in known.items()}
+            observed = len(self.cloud) - len(self.spacing_m)
+            for name, values in ({} if added_only else fields).items():
+                column = np.asarray(values)
+                if column.shape[:1] != (observed,):
+                    raise CloudError(f"field {name} must have a row for each of the {observed:,} observed points")
+                kept = f"{name}_scan" if name in MARKS else name
+                written[kept] = _lengthened(column, len(self.spacing_m), name)
             written |= dict(zip(MARKS, (self.added[first:], self.confidence[first:]), strict=True))
         write_cloud(cloud, path, written, exact=True, like=None if like is None else Path(like))
 
@@ -100,6 +107,6 @@ def _lengthened(values: NDArray[Any], count: int, name: str) -> NDArray[Any]:
     """A field of the observed points with `count` rows more, of which nothing is known but that they are to be seen."""
     unknown: Any = np.nan if values.dtype.kind == "f" else 0
     if name == "alpha":
-        unknown = 255 if values.dtype.kind in "iu" else 1
+        unknown = values.max(initial=0)
     more = np.full((count, *values.shape[1:]), unknown).astype(values.dtype)
     return np.concatenate([values, more])

@@ -22,6 +22,7 @@ BROAD, FILLED = 3.0, 0.4
 # Cells and steps between samples, in spacings.
 _CELL, _STEP = 1 / 2, 1 / 3
 _DIRECTIONS_TRIED = 300
+_WHOLE = 11  # cells within two of one, where all are covered; a few lie off their middle
 
 
 def open_gaps(
@@ -128,13 +129,16 @@ def _union(
     left = np.arange(len(samples))
     while len(left):
         tried = normals[left[:: -(-len(left) // _DIRECTIONS_TRIED)]]
-        direction = tried[(np.abs(normals[left] @ tried.T) > PARALLEL).sum(axis=0).argmax()]
+        direction = tried[(np.abs(tried @ tried.T) > PARALLEL).sum(axis=0).argmax()]
         across = np.abs(normals[left] @ direction)
         rows, left = left[across > PARALLEL], left[across <= PARALLEL]
         found = _one_a_cell(samples[rows], direction, step_m)
-        pairs = cKDTree(found).query_pairs(WIDEST_SLIT * step_m, output_type="ndarray")
-        pairs = pairs[np.abs((found[pairs[:, 0]] - found[pairs[:, 1]]) @ direction) <= step_m]
-        found = _one_a_cell(np.concatenate([found, found[pairs].mean(axis=1)]), direction, step_m)
+        # Slits lie between what has not all of its neighbours; between all the others pairs would be millions.
+        whole = cKDTree(found).query_ball_point(found, 2 * _CELL * step_m, return_length=True, workers=thread_count())
+        edge = found[whole < _WHOLE]
+        pairs = cKDTree(edge).query_pairs(WIDEST_SLIT * step_m, output_type="ndarray")
+        pairs = pairs[np.abs((edge[pairs[:, 0]] - edge[pairs[:, 1]]) @ direction) <= step_m]
+        found = _one_a_cell(np.concatenate([found, edge[pairs].mean(axis=1)]), direction, step_m)
         around = cKDTree(found).query_ball_point(found, BROAD * step_m, return_length=True, workers=thread_count())
         found = found[around >= FILLED * np.pi * (BROAD / _CELL) ** 2]
         places.append(found)

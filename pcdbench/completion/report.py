@@ -54,8 +54,10 @@ def write_report(completed: Completed, folder: Path, source: str, completer: str
     try:
         folder.mkdir(parents=True, exist_ok=True)
         facts = _facts(completed, source, completer) | {"regions": [region.as_json() for region in regions]}
-        (folder / "report.json").write_text(json.dumps(facts, indent=2) + "\n")
-        (folder / "report.md").write_text(_page(completed, regions, source, completer))
+        (folder / "report.json").write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+        (folder / "report.md").write_text(
+            _page(completed, regions, source, completer), encoding="utf-8", errors="replace"
+        )
         _write_plan(completed, regions, folder / "report.png", f"{source}, {completer}")
     except OSError as error:
         raise PcdbenchError(
@@ -223,6 +225,11 @@ def _members(completed: Completed, region: Region, unsure: NDArray[np.bool_]) ->
     return completed.frame.upright(places[inside])[:, :2]
 
 
+def _as_text(title: str) -> str:
+    """A title that matplotlib shows as it is: dollars are no formulas, and what is no UTF-8 is shown as such."""
+    return title.encode(errors="replace").decode().replace("$", r"\$")
+
+
 def _write_plan(completed: Completed, regions: list[Region], path: Path, title: str) -> None:
     """The cloud from above: observed points grey, added ones and open gaps in colours, regions numbered."""
     from matplotlib import rc_context
@@ -268,7 +275,7 @@ def _write_plan(completed: Completed, regions: list[Region], path: Path, title: 
             frameon=False,
         )
         more = f", the largest {MOST_LISTED} marked" if len(regions) > MOST_LISTED else ""
-        axes.set_title(f"{title}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again{more}")
+        axes.set_title(f"{_as_text(title)}: {len(regions)} region{'s' * (len(regions) != 1)} to scan again{more}")
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         for name, which in (("x", 0), ("y", 1)):
             taken_off = f" - {start[which]:,.0f}" if start[which] else ""

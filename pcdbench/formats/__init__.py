@@ -171,8 +171,15 @@ def write_cloud(
                 module.write(cloud, unfinished, fields, exact, like)
             except CloudError as error:
                 raise CloudError(str(error).replace(str(unfinished), str(path))) from error
+    except CloudError:
+        raise
     except OSError as error:
         raise CloudError(f"{path} cannot be written: {error.strerror or error}; choose another place") from error
+    except Exception as error:
+        # Writers that are not ours meet names and numbers of any file here.
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        kind = path.suffix[1:].upper()
+        raise CloudError(f"{path} cannot be written as {kind} ({reason}); write PLY or NPZ") from error
 
 
 def _format_module(path: Path) -> Any:

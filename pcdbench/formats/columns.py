@@ -16,6 +16,7 @@ from pcdbench.errors import CloudError
 # Float colours may overshoot 1 by rounding, by no more.
 _ROUNDING = 1e-3
 _COLOR_NAMES = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_PACKED_COLORS = ("rgb", "rgba")
 LARGEST_FLOAT32_ERROR_M = 5e-5
 # Compressed points that repeat each other take next to no room, and a small file could fill any memory. Real ones take
 # more than a byte each; files of fewer points than this are small whatever they hold.
@@ -98,18 +99,31 @@ def needs_double(points: NDArray[np.float64], exact: bool = False) -> bool:
     return bool(np.any(np.abs(points - points.astype(np.float32)) > tolerance_m))
 
 
-def flat_fields(fields: Fields) -> dict[str, NDArray[Any]]:
+def flat_fields(fields: Fields, longest: int = 100) -> dict[str, NDArray[Any]]:
     """Fields as formats of named columns hold them: (N,), of one-byte to eight-byte numbers, little-endian.
 
-    Of (N, K) ones the columns are numbered (`normals_0`), and blanks and separators in names become underscores.
+    Of (N, K) ones the columns are numbered (`normals_0`). Names are told apart, from those of coordinates and colours
+    too, and keep no more than `longest` characters, none of them a blank, a separator or beyond ASCII.
     """
     flat: dict[str, NDArray[Any]] = {}
+    taken = {*"xyz", *_PACKED_COLORS, *(name for names in _COLOR_NAMES for name in names)}
     for name, values in fields.items():
-        name = re.sub(r"[\s,;]+", "_", name)
-        columns = {name: values} if values.ndim == 1 else {f"{name}_{k}": part for k, part in enumerate(values.T)}
-        for column, part in columns.items():
+        columns = [values] if values.ndim == 1 else list(values.T)
+        for number, part in enumerate(columns):
+            column = own_name(name if values.ndim == 1 else f"{name}_{number}", taken, longest)
             flat[column] = part.astype(_stored_type(part.dtype), copy=False)
     return flat
+
+
+def own_name(name: str, taken: set[str], longest: int) -> str:
+    """A name that every format can write, and none of those taken (in lower case), which it joins."""
+    plain = re.sub(r"[^\x21-\x7e]|[,;/#\"']", "_", name) or "field"
+    found, number = plain[:longest], 1
+    while found.lower() in taken:
+        number += 1
+        found = f"{plain[: longest - 5]}_{number}"
+    taken.add(found.lower())
+    return found
 
 
 def _stored_type(kind: np.dtype[Any]) -> np.dtype[Any]:

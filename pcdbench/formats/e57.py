@@ -17,6 +17,7 @@ from pcdbench.formats.e57_xml import require_plain_xml
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _COLORS = ("colorRed", "colorGreen", "colorBlue")
+_NORMALS = ("nor:normalX", "nor:normalY", "nor:normalZ")
 _READ_OTHERWISE = (*_CARTESIAN, *_SPHERICAL, *_COLORS, "cartesianInvalidState", "sphericalInvalidState")
 
 
@@ -85,13 +86,22 @@ def _scan(file: Any, index: int, path: Path, wanted: Container[str]) -> Columns:
     points = np.stack([first, second, third] if frame is _CARTESIAN else _cartesian(first, second, third), axis=1)
     if state in numbers:
         points[numbers[state] != 0] = np.nan
+    found = {name: numbers[name] for name in others}
     if header.has_pose():
         points = points @ header.rotation_matrix.T + header.translation
-    found = {name: numbers[name] for name in others}
+        found = _turned_normals(found, header.rotation_matrix)
     if not fields.issuperset(_COLORS):
         return Columns(points, None, found)
     colors = np.stack([numbers[name] for name in _COLORS], axis=1)
     return Columns(points, _scaled_colors(colors, header, path), found)
+
+
+def _turned_normals(fields: dict[str, NDArray[np.float64]], rotation: NDArray[np.float64]) -> dict[str, Any]:
+    """Fields with the normals among them turned as the points are."""
+    if not fields.keys() >= set(_NORMALS):
+        return fields
+    turned = np.stack([fields[name] for name in _NORMALS], axis=1) @ rotation.T
+    return fields | dict(zip(_NORMALS, turned.T, strict=True))
 
 
 def _scaled_colors(colors: NDArray[np.float64], header: Any, path: Path) -> NDArray[np.float32]:

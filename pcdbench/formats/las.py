@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, flat_fields, unit_colors
-from pcdbench.formats.las_header import sound_point_bytes
+from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, flat_fields, own_name, unit_colors
+from pcdbench.formats.las_header import extended_records, sound_point_bytes
 
 _EXTENSIONS = (".las", ".laz")
 _FORMATS, _COLORED_FORMATS = (0, 1, 6), (2, 3, 7, 8)
@@ -30,7 +30,8 @@ _WAVEFORMS = (
 )
 _READ_OTHERWISE = ("X", "Y", "Z", *_COLORS, "withheld", *_WAVEFORMS)
 _REFERENCE_SYSTEM = "LASF_Projection"  # user of its records (LAS 1.4, 2.5 and 2.6)
-_LONGEST_NAME = 31  # bytes
+_LONGEST_NAME = 31
+_MOST_EXTRA = 341  # of 192 bytes each, in a record of 65,535
 _SCALE_M = 1e-4
 _EXACT_SCALES_M = (1e-4, 1e-5, 1e-6, 1e-7)
 _BYTES_A_PIECE = 1 << 25
@@ -107,19 +108,21 @@ def write(
     if np.abs(cloud.points - offset).max() / scale_m > np.iinfo(np.int32).max:
         raise CloudError(f"{path}: LAS holds clouds of up to 400 km at 0.1 mm; write PLY instead")
     told = _description(like)
-    columns = flat_fields(fields)
+    columns = flat_fields(fields, _LONGEST_NAME)
     point_format = _smallest_point_format(columns, cloud.colors is not None)
     own = {name for name, column in columns.items() if _fits(column, name, point_format)}
     header = laspy.LasHeader(version="1.4" if point_format >= 6 or told.is_wkt else "1.2", point_format=point_format)
     header.scales = np.full(3, scale_m)
     header.offsets = offset
     header.vlrs.extend(told.records)
-    header.global_encoding.wkt = told.is_wkt or point_format >= 6
+    header.global_encoding.wkt = told.is_wkt or (point_format >= 6 and not told.records)
     header.global_encoding.gps_time_type = laspy.header.GpsTimeType(int(told.is_adjusted_gps_time))
-    # What has the name of one of LAS's own dimensions and does not fit into it (intensities from 0 to 1) stands beside.
-    taken = set(header.point_format.dimension_names)
-    extra = {name: name if name not in taken else f"{name}_" for name in columns if name not in own}
-    extra = {name: shown.encode()[:_LONGEST_NAME].decode(errors="ignore") for name, shown in extra.items()}
+    # What has the name of one of LAS's own dimensions and does not fit into it, intensities from 0 to 1, stands beside.
+    named = (*header.point_format.dimension_names, *(header.point_format.dtype().names or ()))
+    taken = {name.lower() for name in named}
+    extra = {name: own_name(name, taken, _LONGEST_NAME) for name in columns if name not in own}
+    if len(extra) > _MOST_EXTRA:
+        raise CloudError(f"{path}: LAS holds up to {_MOST_EXTRA} further fields, not {len(extra)}; write PLY instead")
     header.add_extra_dims([laspy.ExtraBytesParams(shown, columns[name].dtype) for name, shown in extra.items()])
     las = laspy.LasData(header)
     las.x, las.y, las.z = cloud.points.T
@@ -149,6 +152,12 @@ def _description(path: Path | None) -> _Description:
     with laspy.open(path, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False) as reader:
         header = reader.header
         records = tuple(record for record in header.vlrs if record.user_id == _REFERENCE_SYSTEM)
+        # From LAS 1.4 on they may lie behind the points.
+        records += tuple(
+            laspy.VLR(user, number, "", content)
+            for user, number, content in extended_records(path)
+            if user == _REFERENCE_SYSTEM
+        )
         return _Description(records, header.global_encoding.wkt, bool(header.global_encoding.gps_time_type.value))
 
 

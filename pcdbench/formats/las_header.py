@@ -17,6 +17,8 @@ from pcdbench.formats.columns import require_bytes, require_density
 _HEADER_BYTES = 375
 _SHORTEST_HEADER_BYTES = 227
 _RECORD_HEADER_BYTES = 54
+_EXTENDED_HEADER_BYTES = 60
+_LONGEST_RECORD = 65_535  # what a record in front of the points can hold
 _LASZIP_RECORD = (b"laszip encoded\0\0", 22204)
 # Layers of compressed points in LASzip's items of LAS 1.4 (its specification, "layered chunked"); extra bytes have one
 # layer a byte.
@@ -56,6 +58,23 @@ def sound_point_bytes(path: Path) -> int:
         if any(kind in (*_LAYERS, _EXTRA_BYTES_ITEM) for kind, _ in items):
             _require(_layers_fit(stream, points_at + 8, table_at, point_bytes, items), path)
         return int(point_bytes)
+
+
+def extended_records(path: Path) -> Iterator[tuple[str, int, bytes]]:
+    """(user, number, contents) of the records behind the points of a LAS 1.4 file, as far as they lie in the file."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        header = stream.read(_HEADER_BYTES)
+        if len(header) < _HEADER_BYTES or header[25] < 4:
+            return
+        at, count = struct.unpack_from("<QI", header, 235)
+        while count and at + _EXTENDED_HEADER_BYTES <= size:
+            stream.seek(at)
+            _, user, number, length = struct.unpack("<H16sHQ", stream.read(_EXTENDED_HEADER_BYTES)[:28])
+            at += _EXTENDED_HEADER_BYTES + length
+            if length <= _LONGEST_RECORD and at <= size:
+                yield user.split(b"\0")[0].decode("ascii", errors="replace"), number, stream.read(length)
+            count -= 1
 
 
 def _require(sound: bool, path: Path) -> None:

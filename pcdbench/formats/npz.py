@@ -14,11 +14,22 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, require_bytes, require_density, unit_colors
+from pcdbench.formats.columns import (
+    NO_FIELDS,
+    NOTHING,
+    Columns,
+    Fields,
+    own_name,
+    require_bytes,
+    require_density,
+    unit_colors,
+)
 
 # Deflate shrinks nothing to less than a 1032nd (zlib's own figure).
 _MOST_DEFLATED = 1032
 _OWN = ("points", "colors")
+_LONGEST_NAME = 100
+_UNFIT = {"/", "\\", "\0", "."}
 
 
 def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
@@ -45,9 +56,15 @@ def write(
     cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
 ) -> None:
     """Write double coordinates and float32 colours, compressed: nothing is lost, asked or not."""
-    arrays: dict[str, Any] = {"points": cloud.points, **fields}
+    arrays: dict[str, Any] = {"points": cloud.points}
     if cloud.colors is not None:
         arrays["colors"] = cloud.colors
+    taken = {*_OWN, "file"}
+    for name, values in fields.items():
+        # Archives have folders, and their names no end.
+        is_plain = bool(name) and name not in taken and not _UNFIT & set(name) and len(name) <= _LONGEST_NAME
+        arrays[name if is_plain else own_name(name, taken, _LONGEST_NAME)] = values
+        taken |= arrays.keys()
     with path.open("wb") as stream:
         np.savez_compressed(stream, **arrays)
 

@@ -6,6 +6,7 @@ import codecs
 import re
 import warnings
 from collections.abc import Container
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -58,9 +59,9 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     xyz, rgb = coordinate_and_color_names(layout.names)
     if xyz:
         names = layout.names
-        asked = [name for name in dict.fromkeys(names) if name in xyz + rgb or name in wanted]
-        numbers = _numbers(path, layout, [names.index(name) for name in asked])
-        column = dict(zip(asked, numbers.T, strict=True))
+        others = [name for name in names if name in wanted and name not in xyz + rgb]
+        numbers, others = _with_others(path, layout, xyz + rgb, others)
+        column = dict(zip(xyz + rgb + others, numbers.T, strict=True))
     else:
         own = 3 if layout.columns < 6 else 7 if layout.columns == 7 else 6
         more = [place for place in range(own, layout.columns) if f"column_{place + 1}" in wanted]
@@ -96,6 +97,24 @@ def _names_by_place(numbers: NDArray[np.float64], layout: _Layout, path: Path) -
 
 def _may_be_bytes(numbers: NDArray[np.float64]) -> bool:
     return bool(np.all((numbers >= 0) & (numbers <= 255) & (numbers == np.floor(numbers)) | np.isnan(numbers)))
+
+
+def _with_others(
+    path: Path, layout: _Layout, needed: list[str], others: list[str]
+) -> tuple[NDArray[np.float64], list[str]]:
+    """The needed columns of all rows with those of the others that hold numbers in every row, and which these are."""
+    places = [layout.names.index(name) for name in needed]
+    try:
+        return _numbers(path, layout, places + [layout.names.index(name) for name in others]), others
+    except CloudError:
+        columns, kept = [_numbers(path, layout, places)], []
+        for name in others:
+            with suppress(CloudError):
+                columns.append(_numbers(path, layout, [layout.names.index(name)]))
+                kept.append(name)
+        lost = ", ".join(name for name in others if name not in kept)
+        warnings.warn(f"{path}: {lost}: not a number in every row, left out", CloudWarning, 5)
+        return np.concatenate(columns, axis=1), kept
 
 
 def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float64]:
@@ -144,7 +163,7 @@ def write(
         columns.append(color_bytes(cloud.colors))
     for name, field in flat_fields(fields).items():
         names.append(name)
-        formats.append("%d" if field.dtype.kind in "iu" else "%.9g" if field.dtype == np.float32 else "%.16g")
+        formats.append("%d" if field.dtype.kind in "iu" else "%.9g" if field.dtype == np.float32 else "%.17g")
         columns.append(field)
     with path.open("w", encoding="ascii") as stream:
         if path.suffix.lower() == ".pts":
@@ -171,14 +190,15 @@ def _layout(path: Path) -> _Layout:
         lines = [stream.readline(1 << 16) for _ in range(_HEADER_LINES)]
     for number, line in enumerate(lines):
         text = _COMMENT.sub("", line, count=1).strip() if _COMMENT.match(line) else line.split("#")[0].strip()
-        separator = next((mark for mark in ";," if mark in text), None)
-        words = [word.strip() for word in text.split(separator)]
+        separator = next((mark for mark in ";,\t" if mark in text), None)
+        words = [word.strip("\"' \t") for word in text.split(separator)]
         if _COMMENT.match(line):
             names = words if coordinate_and_color_names(words)[0] else names
         elif words and all(map(_is_number, words)):
             # Some programs write the number of points before the first of them.
             if len(words) > 1 or not words[0].isdecimal():
-                return _Layout(separator, number, names if len(names) == len(words) else [], len(words), promised)
+                names = _told_apart(names) if len(names) == len(words) else []
+                return _Layout(separator, number, names, len(words), promised)
             promised = int(words[0]) if len(words[0]) < 16 else None
         elif text and not names:
             names = words
@@ -187,6 +207,20 @@ def _layout(path: Path) -> _Layout:
     if any(_DECIMAL_COMMA.match(line) for line in lines):
         raise CloudError(f"{path} has decimal commas; save it with decimal points")
     raise CloudError(f"{path} has no rows of numbers; each line must hold x y z, and may hold red green blue")
+
+
+def _told_apart(names: list[str]) -> list[str]:
+    """Names of which no two are the same: the first keeps its own."""
+    taken: set[str] = set()
+    unique = []
+    for name in names:
+        number, found = 1, name or "field"
+        while found in taken:
+            number += 1
+            found = f"{name or 'field'}_{number}"
+        taken.add(found)
+        unique.append(found)
+    return unique
 
 
 def _is_number(word: str) -> bool:

@@ -81,6 +81,17 @@ def test_further_fields_of_observed_points_are_kept(run, extension):
     assert not fields["label"][~seen].any()
 
 
+def test_a_scans_own_confidence_is_kept_beside_and_added_points_are_opaque(run):
+    scan = floor(offset=np.zeros(3))
+    fields = {"confidence": np.full(len(scan), 0.5, np.float32), "alpha": np.full(len(scan), 200, np.uint8)}
+    write_cloud(scan, Path("scan.ply"), fields)
+    said = run("scan.ply", "-o", "out.ply", "--completer", "plane_fitting")
+    assert "pcdbench: of the fields of scan.ply confidence is written as confidence_scan" in said
+    found = read_cloud_and_fields(Path("out.ply"))[1]
+    assert (found["confidence_scan"][: len(scan)] == 0.5).all() and (found["confidence"][: len(scan)] == 1).all()
+    assert (found["alpha"] == 200).all() and (found["added"] == 1).any()
+
+
 def test_what_e57_cannot_hold_is_told(run):
     scan = floor(offset=np.zeros(3))
     write_cloud(scan, Path("scan.ply"), {"label": np.zeros(len(scan)), "time": np.zeros(len(scan))})

@@ -212,7 +212,7 @@ def test_what_las_has_a_name_but_no_place_for_stands_beside(tmp_path):
         marked()[0], tmp_path / "a.las", {"intensity": intensity, "gps_time": np.where(intensity > 0.5, np.nan, 4)}
     )
     back = fields_of(tmp_path / "a.las")
-    np.testing.assert_array_equal(back["intensity_"], intensity)
+    np.testing.assert_array_equal(back["intensity_2"], intensity)
     assert "intensity" not in back and set(back["gps_time"]) == {0, 4}
 
 
@@ -271,3 +271,81 @@ def test_single_precision_far_from_the_origin_is_told(tmp_path):
         read_cloud(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz", points=near.astype(np.float32))
     read_cloud(tmp_path / "a.npz")
+
+
+CLASHING = (
+    "x",
+    "X",
+    "red",
+    "rgb",
+    "points",
+    "colors",
+    "file",
+    "a/points",
+    "a b",
+    "a_b",
+    "",
+    "größe",
+    "grüße",
+    "bit_fields",
+)
+
+
+@pytest.mark.parametrize("color", [True, False])
+@pytest.mark.parametrize("extension", WITH_FIELDS)
+def test_no_name_takes_the_place_of_another(tmp_path, extension, color):
+    cloud, _ = marked(color=color)
+    names = (*CLASHING, "n" * 40 + "1", "n" * 40 + "2")
+    fields = {name: np.full(200, number + 0.5, np.float32) for number, name in enumerate(names)}
+    write_cloud(cloud, tmp_path / f"a{extension}", fields)
+    again, back = read_cloud_and_fields(tmp_path / f"a{extension}")
+    np.testing.assert_allclose(again.points, cloud.points, atol=1e-4)
+    assert (again.colors is not None) == color
+    assert sorted(values[0] - 0.5 for values in back.values()) == list(range(len(names)))
+
+
+def test_las_says_how_many_fields_it_holds(tmp_path):
+    with pytest.raises(CloudError, match="LAS holds up to 341 further fields, not 400; write PLY"):
+        write_cloud(marked()[0], tmp_path / "a.las", {"features": np.zeros((200, 400), np.float32)})
+
+
+def test_a_reference_system_behind_the_points_is_kept(tmp_path):
+    import laspy
+
+    las = survey(tmp_path / "scan.las")
+    las.evlrs = laspy.vlrs.vlrlist.VLRList([las.header.vlrs.pop(0)])
+    las.write(tmp_path / "scan.las")
+    write_cloud(marked()[0], tmp_path / "again.laz", like=tmp_path / "scan.las")
+    header = laspy.read(tmp_path / "again.laz").header
+    assert [record.string for record in header.vlrs.get("WktCoordinateSystemVlr")] == ["PROJCS[made up]"]
+    assert header.global_encoding.wkt
+
+
+def test_normals_of_an_e57_turn_with_their_scan():
+    from pcdbench.formats.e57 import _turned_normals
+
+    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])  # about z
+    normals = {f"nor:normal{axis}": np.array([value]) for axis, value in zip("XYZ", (1.0, 0.0, 0.0), strict=True)}
+    turned = _turned_normals({"intensity": np.array([7.0]), **normals}, quarter)
+    assert {name: values.tolist() for name, values in turned.items()} == {
+        "intensity": [7.0],
+        "nor:normalX": [0.0],
+        "nor:normalY": [1.0],
+        "nor:normalZ": [0.0],
+    }
+
+
+def test_columns_that_are_not_all_numbers_are_left_out_and_told(tmp_path):
+    (tmp_path / "a.csv").write_text('"x","y","z","intensity","label","x"\n0,0,0,5,1,9\n1,2,3,6,chair,8\n')
+    with pytest.warns(CloudWarning, match=r"a\.csv: label: not a number in every row, left out"):
+        cloud, fields = read_cloud_and_fields(tmp_path / "a.csv")
+    found = {name: values.tolist() for name, values in fields.items()}
+    assert len(cloud) == 2 and found == {"intensity": [5, 6], "x_2": [9, 8]}
+    assert len(read_cloud(tmp_path / "a.csv")) == 2
+
+
+def test_names_with_blanks_between_tabs(tmp_path):
+    header = "x\ty\tz\tscan angle\tgps time\tintensity\n"
+    (tmp_path / "a.txt").write_text(header + "0\t0\t0\t1\t2\t3\n1\t1\t1\t4\t5\t6\n")
+    cloud, fields = read_cloud_and_fields(tmp_path / "a.txt")
+    assert cloud.colors is None and list(fields) == ["scan angle", "gps time", "intensity"]
