@@ -61,7 +61,7 @@ def check_completer(
     completer = _built(completer)
     who = type(completer).__name__
     _check_declaration(who, completer)
-    digest = _called(f"{who}.weights_digest()", completer.weights_digest)
+    digest = called(f"{who}.weights_digest()", completer.weights_digest)
     _require(
         digest is None or re.fullmatch("[0-9a-f]{64}", digest) is not None,
         f"{who}.weights_digest() must be None or a SHA-256 in hex, not {digest!r}",
@@ -74,7 +74,7 @@ def check_completer(
 
         def answered(rng: np.random.Generator) -> PointCloud:
             with _not_skipped(who):
-                return _called(f"{who}.answer()", completer.answer, case, rng)
+                return called(f"{who}.answer()", completer.answer, case, rng)
 
         _check_repeats(who, answered, scene.dense, scene.complete)
         report("the same answer for the same rng, and the case as it was")
@@ -87,8 +87,8 @@ def check_completer(
 
     def completed(rng: np.random.Generator) -> PointCloud:
         with _not_skipped(who):
-            _called(f"{who}.complete()", completer.complete, other, np.random.default_rng(99), cure=colorless)
-            return _called(f"{who}.complete()", completer.complete, cloud, rng)
+            called(f"{who}.complete()", completer.complete, other, np.random.default_rng(99), cure=colorless)
+            return called(f"{who}.complete()", completer.complete, cloud, rng)
 
     result = _check_repeats(who, completed, cloud, other)
     report("the same cloud for the same rng, whatever came before, and the input as it was")
@@ -96,7 +96,7 @@ def check_completer(
     report("complete_with_confidence() returns the same cloud, and a confidence in [0, 1] or none")
     for name, tiny in _tiny_clouds(completer.needs_color):
         try:
-            returned = _called(f"{who} on {name}", completer.complete, tiny, np.random.default_rng(0), cure=_OR_SKIP)
+            returned = called(f"{who} on {name}", completer.complete, tiny, np.random.default_rng(0), cure=_OR_SKIP)
         except Skipped:
             continue
         _require_cloud(f"{who} on {name}", returned)
@@ -104,7 +104,7 @@ def check_completer(
     far = PointCloud(cloud.points + _MAP_OFFSET_M, cloud.colors)
     who = f"{who} at map coordinates of 10^6 m"
     with _not_skipped(who):
-        returned = _require_cloud(who, _called(who, completer.complete, far, np.random.default_rng(0)))
+        returned = _require_cloud(who, called(who, completer.complete, far, np.random.default_rng(0)))
     moved = returned.points - _MAP_OFFSET_M
     off_m = max(np.median(nearest(moved, result.points)[0]), np.median(nearest(result.points, moved)[0]))
     _require(
@@ -257,9 +257,9 @@ def _check_declaration(who: str, plugin: Completer | Task) -> None:
         _require(not field.is_required(), f"{who}: option {name} needs a default")
         _require(bool(field.description), f"{who}: option {name} needs a description: Field(..., description=...)")
     recorded = plugin.options.model_dump(mode="json")
-    text = _called(f"{who}: options as JSON", canonical_json, recorded)
+    text = called(f"{who}: options as JSON", canonical_json, recorded)
     _require(
-        _called(f"{who}: options read back", model.model_validate, json.loads(text)) == plugin.options,
+        called(f"{who}: options read back", model.model_validate, json.loads(text)) == plugin.options,
         f"{who}: options do not survive being written as JSON and read back",
     )
     _require(pickle.loads(pickle.dumps(plugin.options)) == plugin.options, f"{who}: options cannot be pickled")
@@ -301,7 +301,7 @@ def _measure(who: str, task: Task, case: Case, completed: PointCloud) -> Measure
     """The measurements of one cloud, shown to be what was declared, with case and cloud as they were."""
     looked_at = [case.kept, case.scene.complete.points, case.scene.dense.points, completed.points]
     before = [array.copy() for array in looked_at]
-    result = _called(f"{who}.evaluate()", task.evaluate, case, completed, np.random.default_rng(case.seed))
+    result = called(f"{who}.evaluate()", task.evaluate, case, completed, np.random.default_rng(case.seed))
     _require(isinstance(result, Measurements), f"{who} must return pcdbench.Measurements, not {type(result).__name__}")
     declared, measured = {metric.name for metric in task.metrics}, set(result.samples)
     _require(declared == measured, f"{who} declares {sorted(declared)} but measures {sorted(measured)}")
@@ -347,7 +347,7 @@ def _check_confidence(who: str, completer: Completer, cloud: PointCloud, result:
     """Hold `complete_with_confidence` to the cloud that `complete` returned for the same rng."""
     who = f"{who}.complete_with_confidence()"
     with _not_skipped(who):
-        answer: object = _called(who, completer.complete_with_confidence, cloud, np.random.default_rng(0))
+        answer: object = called(who, completer.complete_with_confidence, cloud, np.random.default_rng(0))
     if not (isinstance(answer, tuple) and len(answer) == 2):
         raise AssertionError(f"{who} must return two things, the cloud and its confidence (or None)")
     same, confidence = _require_cloud(who, answer[0]), answer[1]
@@ -363,16 +363,16 @@ def _check_confidence(who: str, completer: Completer, cloud: PointCloud, result:
 
 
 def _check_card(who: str, completer: Completer) -> None:
-    card = _called(f"{who}.model_card()", completer.model_card)
+    card = called(f"{who}.model_card()", completer.model_card)
     try:
-        require_known_splits(who, checked_card(who, card), {})
+        require_known_splits(who, checked_card(who, card))
     except PluginError as error:
         raise AssertionError(str(error)) from None
 
 
 def _built(plugin: Plugin | type[Plugin]) -> Plugin:
     """The plugin, built with its default options where its class is given."""
-    return _called(f"{plugin.__name__}()", plugin) if isinstance(plugin, type) else plugin
+    return called(f"{plugin.__name__}()", plugin) if isinstance(plugin, type) else plugin
 
 
 @contextmanager
@@ -386,7 +386,7 @@ def _not_skipped(who: str) -> Iterator[None]:
         ) from None
 
 
-def _called(who: str, call: Callable[..., T], *given: Any, cure: str = "") -> T:
+def called(who: str, call: Callable[..., T], *given: Any, cure: str = "") -> T:
     """What `call(*given)` returns, where `call` is a plugin's own; `Skipped` passes, all else is told in one line.
 
     Raises:

@@ -20,7 +20,7 @@ def check(
     from pcdbench.errors import PcdbenchError
     from pcdbench.plugins import registry
     from pcdbench.runner.selection import option_targets, parse_options, select
-    from pcdbench.testing import check_completer, check_task
+    from pcdbench.testing import called, check_completer, check_task
 
     options = parse_options(option or ())
     kinds = [found.kind for found in registry().find(name)]
@@ -36,7 +36,7 @@ def check(
             continue
         plugin = select(kind, name, options.get(name, {}))
         try:
-            checked(plugin.build(), report=lambda line: typer.echo(f"holds: {line}"))
+            checked(called(f"{name}()", plugin.build), report=lambda line: typer.echo(f"holds: {line}"))
         except AssertionError as problem:
             typer.echo(f"does not hold: {problem}")
             broken += 1

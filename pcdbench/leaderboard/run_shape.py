@@ -32,6 +32,8 @@ class _Data(_Plugin):
 class _Completer(_Plugin):
     weights: str | None
     card: CardShape | None = None
+    code: str | None = None
+    reference: bool = False
 
 
 class _Named(BaseModel):

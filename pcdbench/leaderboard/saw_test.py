@@ -32,9 +32,9 @@ def seen_in_training(card: Mapping[str, Any] | None, boards_data: Iterable[Board
 
 def _seen(entry: Mapping[str, Any], data: BoardData) -> set[str]:
     scenes = set(data.scenes)
-    if "scenes" in entry:
+    if entry.get("scenes"):
         return {scene for scene in scenes if any(_is_of(scene, name) for name in entry["scenes"])}
-    if "split" not in entry or entry["split"] == data.split:
+    if not entry.get("split") or entry["split"] == data.split:
         return scenes
     return scenes & _scenes_of_split(data.dataset, data.options, entry["split"])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,8 +76,10 @@ def _problem(number: _Number, run: Experiment) -> str:
 def _numbers(part: Part) -> Iterator[_Number]:
     for row in part.rows:
         yield _Number(row.run, row.level, row.completer)
-        for column in part.columns:
-            yield _Number(row.run, row.level, row.completer, column.task, column.metric)
+        for place, column in enumerate(part.columns):
+            # A gap in the published numbers may be one in the run as well.
+            is_gap = bool(row.published) and math.isnan(row.published[place])
+            yield _Number(row.run, row.level, row.completer, *(() if is_gap else (column.task, column.metric)))
     drawn = part.figure
     if drawn is None:
         return
@@ -101,5 +104,5 @@ def _metrics(task: str) -> list[str]:
     """The metrics of a task; none where it cannot be loaded, which its run says with the reason."""
     try:
         return [metric.name for metric in registry().get("task", task).load().metrics]
-    except PluginError:
+    except (PluginError, TypeError):
         return []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -49,28 +50,29 @@ def checked_card(name: str, card: Any) -> dict[str, Any] | None:
     return told
 
 
-def require_known_splits(name: str, card: Mapping[str, Any] | None, opened: Mapping[str, Sequence[str]]) -> None:
+def require_known_splits(name: str, card: Mapping[str, Any] | None) -> None:
     """Refuse a card that names a split which its data set does not have: boards would find no scene of it.
 
-    Args:
-        opened: splits by data set, where they are known; others are asked, and those who cannot tell are believed.
+    Only of data sets that are generated is it known; the splits of others depend on what lies on this machine.
 
     Raises:
         PluginError: naming the completer and the split.
     """
     for seen in (card or {}).get("trained_on", ()):
-        splits = opened.get(seen["dataset"]) or _splits(seen["dataset"])
         split = seen.get("split", "")
-        if split and splits and split not in splits:
+        splits = _splits(seen["dataset"]) if split else ()
+        if splits and split not in splits:
             raise PluginError(
                 f"completer {name!r}: model_card() names the split {split!r}, which {seen['dataset']} does not have; "
                 f"{did_you_mean(split, splits)}"
             )
 
 
+@cache
 def _splits(dataset: str) -> Sequence[str]:
     try:
-        return list(registry().get("dataset", dataset).load()().splits())
-    except Exception:
-        # It is not installed, needs a path or files, or is another's and raises what it likes.
+        registration = registry().get("dataset", dataset)
+        return () if registration.path else tuple(registration.load()().splits())
+    except (Exception, SystemExit):
+        # It is not installed, or is another's and raises what it likes.
         return ()

@@ -88,7 +88,7 @@ class CompletionCache:
     def trim(self) -> None:
         """Drop what was not used for the longest time until the folder fits its size, and what killed runs tore."""
         self._written = 0
-        for torn in self.folder.glob(f"*/{UNFINISHED}"):
+        for torn in (*self.folder.glob(f"*/{UNFINISHED}"), *self.folder.glob("*/*.tmp")):
             with contextlib.suppress(OSError):
                 if time.time() - torn.stat().st_mtime > _TORN_AFTER_SECONDS:
                     torn.unlink()

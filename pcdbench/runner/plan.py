@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
@@ -175,9 +174,7 @@ def plan(request: Request) -> Plan:
         dataset=dataset,
         split=split,
         tasks=_plugins("task", names["task"], request.tasks, options, left_out),
-        completers=_plugins(
-            "completer", names["completer"], request.completers, options, left_out, {dataset_name: opened.splits()}
-        ),
+        completers=_plugins("completer", names["completer"], request.completers, options, left_out),
         incompletenesses=_plugins(
             "incompleteness", names["incompleteness"], request.incompletenesses, options, left_out
         ),
@@ -211,18 +208,13 @@ def _plugins(
     asked: Sequence[str],
     options: Mapping[str, Mapping[str, str]],
     left_out: dict[str, str],
-    splits: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[Plugin, ...]:
-    """The plugins; one that nobody asked for by name and that cannot be loaded is left out, with its reason.
-
-    Args:
-        splits: of data sets that are open, for completers whose cards name some.
-    """
+    """The plugins; one that nobody asked for by name and that cannot be loaded is left out, with its reason."""
     found: list[Plugin] = []
     for name in names:
         try:
             plugin = select(kind, name, options.get(name, {}))
-            require_known_splits(name, plugin.card, splits)
+            require_known_splits(name, plugin.card)
             found.append(plugin)
         except PcdbenchError as error:
             if name in asked or name in options:

@@ -226,9 +226,9 @@ def _differences(held: Any, wanted: Any, *where: str) -> list[str]:
     if len(where) == 2 and where[0] in _KINDS and (held is None or wanted is None):
         has, has_not = ("this run", "that one") if held is None else ("that run", "this one")
         return [f"{has} has the {_KINDS[where[0]]} {where[1]}, {has_not} does not"]
-    if where[-1] == "code":
+    if where[-1] == "code" and len(where) > 1:
         return [f"the code of {where[-2]} has changed"]
-    owner, *keys = where[1:] if where[0] in _KINDS else where
+    owner, *keys = where[1:] if where[0] in _KINDS and len(where) > 1 else where
     what = f"{' '.join(keys)} of {owner}" if keys else owner
     return [f"{what}: {_short(held)} in that run, {_short(wanted)} in this one"]
 

@@ -40,6 +40,14 @@ def test_what_does_not_hold_is_the_last_line(how: str, problem: str) -> None:
     assert lines[-1].startswith(problem)
 
 
+def test_a_constructor_that_raises_is_one_line(monkeypatch) -> None:
+    def unbuilt(*_: object) -> None:
+        raise RuntimeError("no GPU")
+
+    monkeypatch.setattr("pcdbench_completers.plane_fitting.PlaneFitting.__init__", unbuilt)
+    assert checked("plane_fitting", code=1) == ["does not hold: plane_fitting(): RuntimeError: no GPU"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

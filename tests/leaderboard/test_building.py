@@ -192,6 +192,7 @@ def test_scenes_of_a_trained_environment_and_of_an_overlapping_split_are_seen():
         return seen_in_training({"trained_on": [{"dataset": "indoor", **entry}]}, [data])
 
     assert seen(scenes=["env003", "env02"]) == "1 of 30 scenes of indoor test-small"
+    assert seen(split="") == seen(split="test-small", scenes=[]) == seen() == seen(split="test")
     assert seen(split="test") == "30 of 30 scenes of indoor test-small"
     assert seen(split="train") == seen(split="val") == seen(split="nonsense") == ""
 

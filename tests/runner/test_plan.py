@@ -113,7 +113,6 @@ def learned(monkeypatch, card, weights="0" * 64):
         ({"loss": float("nan")}, "must hold JSON values alone"),
         ({"trained_on": "tiny"}, r"another trained_on \(trained_on: input should be a valid list"),
         ({"trained_on": [{"split": "few"}]}, r"another trained_on \(trained_on\.0\.dataset: field required"),
-        ({"trained_on": [{"dataset": "tiny", "split": "fwe"}]}, "'fwe', which tiny does not have; did you mean few"),
         ({"trained_on": [{"dataset": "indoor", "split": "smokee"}]}, "which indoor does not have; did you mean smoke"),
     ],
 )
@@ -129,6 +128,8 @@ def test_a_model_card_that_boards_could_not_read_is_refused(monkeypatch, card, m
     "seen",
     [
         {"dataset": "tiny", "split": "few"},
+        # What splits a data set has may lie with its files, which may not be here.
+        {"dataset": "tiny", "split": "elsewhere"},
         {"dataset": "tiny"},
         {"dataset": "s3dis", "split": "area_1"},
         {"dataset": "x"},

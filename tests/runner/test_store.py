@@ -105,6 +105,13 @@ def test_another_run_of_a_completer_with_a_model_card_is_told_too(tmp_path):
         RunStore(tmp_path, completer(2.0), {}).__enter__()
 
 
+def test_a_run_without_what_others_have_is_told_too(tmp_path):
+    with RunStore(tmp_path, {"code": "1"}, {}):
+        pass
+    with pytest.raises(PcdbenchError, match=r"holds another run \(code: \"1\" in that run, none in this one; scenes: "):
+        RunStore(tmp_path, {"scenes": {"room": "digest"}}, {}).__enter__()
+
+
 def test_what_is_no_run_is_said(tmp_path):
     with pytest.raises(PcdbenchError, match="is not a run"):
         read_run(tmp_path)
