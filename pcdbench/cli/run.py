@@ -91,7 +91,8 @@ def run(
                 raise typer.Exit(130) from None
             failed += len(ended.failed)
             measured |= any(row["status"] == "ok" for row in ended.rows)
-            reasons += [row["error"] for row in ended.rows if row["status"] == "skipped"]
+            if not measured:
+                reasons += [row["error"] for row in ended.rows if row["status"] == "skipped"]
             _show(planned, ended, format, figures)
     if failed:
         typer.echo(f"pcdbench: {failed} rows failed; the same command tries them again", err=True)

@@ -167,7 +167,8 @@ def _plan(completed: Completed, regions: list[Region]) -> _Plan:
 
     unsure = completed.confidence < DOUBTFUL
     cloud = completed.frame.upright(completed.cloud.points)[:, :2]
-    members = [_members(completed, region, unsure) for region in regions]
+    places = {True: completed.gaps, False: completed.cloud.points[unsure]}
+    members = [completed.frame.upright(_within(places[region.confidence is None], region))[:, :2] for region in regions]
     marks = [its[np.linalg.norm(its - (its.min(axis=0) + its.max(axis=0)) / 2, axis=1).argmin()] for its in members]
     open_ones = [its for its, region in zip(members, regions, strict=True) if region.confidence is None]
     gaps = np.concatenate([np.empty((0, 2)), *open_ones])
@@ -217,12 +218,10 @@ def _cells(places: NDArray[np.float64], edge_m: float) -> NDArray[np.int64]:
     return (cells[:, 1] << 32) | cells[:, 0]
 
 
-def _members(completed: Completed, region: Region, unsure: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(M, 2) the places that a region is made of, seen from above, upright, metres."""
-    places = completed.gaps if region.confidence is None else completed.cloud.points[unsure]
-    # Corners are rounded to centimetres.
-    inside = ((places >= np.array(region.low_m) - 0.01) & (places <= np.array(region.high_m) + 0.01)).all(axis=1)
-    return completed.frame.upright(places[inside])[:, :2]
+def _within(places: NDArray[np.float64], region: Region) -> NDArray[np.float64]:
+    """Those of (N, 3) places that lie in a region's box; its corners are rounded to centimetres."""
+    inside = (places >= np.array(region.low_m) - 0.01) & (places <= np.array(region.high_m) + 0.01)
+    return places[inside.all(axis=1)]
 
 
 def _as_text(title: str) -> str:

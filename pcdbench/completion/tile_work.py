@@ -64,7 +64,7 @@ class TileResult:
         seconded: (K,) how many of the other runs put a point there too.
         asked: how many other runs there were.
         working_m: spacing of the cloud that the completer was given.
-        gaps: (G, 3) places in gaps that nobody filled, a spacing apart.
+        gaps: (G, 3) places in gaps that nobody filled, half a spacing apart.
         gaps_m2: (G,) the area of gap that each stands for.
         surface_m2: of what was observed in the tile itself.
     """

@@ -109,8 +109,7 @@ def write(
         raise CloudError(f"{path}: LAS holds clouds of up to 400 km at 0.1 mm; write PLY instead")
     told = _description(like)
     columns = flat_fields(fields, _LONGEST_NAME)
-    point_format = _smallest_point_format(columns, cloud.colors is not None)
-    own = {name for name, column in columns.items() if _fits(column, name, point_format)}
+    point_format, own = _smallest_point_format(columns, cloud.colors is not None)
     header = laspy.LasHeader(version="1.4" if point_format >= 6 or told.is_wkt else "1.2", point_format=point_format)
     header.scales = np.full(3, scale_m)
     header.offsets = offset
@@ -161,25 +160,35 @@ def _description(path: Path | None) -> _Description:
         return _Description(records, header.global_encoding.wkt, bool(header.global_encoding.gps_time_type.value))
 
 
-def _smallest_point_format(columns: dict[str, NDArray[Any]], is_colored: bool) -> int:
-    """The first point format that holds as many of these in its own dimensions as any does."""
-    formats = _COLORED_FORMATS if is_colored else _FORMATS
-    held = [sum(_fits(column, name, number) for name, column in columns.items()) for number in formats]
-    return formats[held.index(max(held))]
-
-
-def _fits(column: NDArray[Any], name: str, point_format: int) -> bool:
-    """Whether the point format has a dimension of its own of this name that holds these numbers; NaN becomes 0."""
+def _smallest_point_format(columns: dict[str, NDArray[Any]], is_colored: bool) -> tuple[int, set[str]]:
+    """The first point format that holds as many of these in its own dimensions as any does, and which it holds."""
     import laspy
 
-    dimension = next((one for one in laspy.PointFormat(point_format).dimensions if one.name == name), None)
-    if dimension is None or name in _READ_OTHERWISE:
-        return False
+    formats = [laspy.PointFormat(number) for number in (_COLORED_FORMATS if is_colored else _FORMATS)]
+    named = {dimension.name for its in formats for dimension in its.dimensions} - set(_READ_OTHERWISE)
+    spans = {name: _whole_span(column) for name, column in columns.items() if name in named}
+    held = [
+        {one.name for one in its.dimensions if one.name in spans and _holds(one, spans[one.name])} for its in formats
+    ]
+    most = max(held, key=len)
+    return formats[held.index(most)].id, most
+
+
+def _whole_span(column: NDArray[Any]) -> tuple[float, float] | None:
+    """The least and the largest of whole numbers, None of others; NaN counts as 0, which it becomes."""
+    numbers = np.nan_to_num(column)
+    if not np.all(numbers == np.floor(numbers)):
+        return None
+    return numbers.min(initial=0), numbers.max(initial=0)
+
+
+def _holds(dimension: Any, span: tuple[float, float] | None) -> bool:
+    """Whether a dimension of LAS's own holds numbers of this span."""
+    import laspy
+
     if dimension.kind is laspy.point.DimensionKind.FloatingPoint:
         return True
-    numbers = np.nan_to_num(column)
-    low, high = numbers.min(initial=0), numbers.max(initial=0)
-    return bool(dimension.min <= low and high <= dimension.max and np.all(numbers == np.floor(numbers)))
+    return span is not None and bool(dimension.min <= span[0] and span[1] <= dimension.max)
 
 
 def _finest_needed(points: NDArray[np.float64]) -> float:

@@ -234,7 +234,8 @@ def _best(board: Board, standings: Sequence[Standing]) -> set[tuple[str, str]]:
         ]
         if metric is not None and its:
             # A mean without the cases that a completer failed on, or was not run on, is no better for it.
-            whole = [one for one in its if one.cases == max(other.cases for other in its)]
+            most = max(one.cases for one in its)
+            whole = [one for one in its if one.cases == most]
             least = min(_badness(one, metric) for one in whole)
             best |= {(one.completer, task.name) for one in whole if _badness(one, metric) == least}
     return best
