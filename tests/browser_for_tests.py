@@ -61,15 +61,25 @@ def found_in(page: str, script: str, folder: Path, size: tuple[int, int] = (900,
         script: may use the functions of the driver: `canvases()`, `drawn(canvas)`, `choose(mode)` and so on.
         folder: an empty one, for the page and the browser.
     """
-    page = re.sub(r"<meta http-equiv=\"Content-Security-Policy\"[^>]*>", _AT_ONCE, page)
     body = f"document.body.dataset.found = JSON.stringify((() => {{ {script} }})());"
-    listener = f"<script>document.addEventListener('DOMContentLoaded', () => {{ {_DRIVER} {body} }});</script></body>"
-    path = folder / "page.html"
-    path.write_text(page.replace("</body>", listener), encoding="utf-8")
+    path = _with_script(page, body, folder)
     dom = run_chromium(path, folder, "--dump-dom", size=size)
     match = re.search(r"<body[^>]* data-found=\"([^\"]*)\"", dom)
     assert match, dom[-2000:]
     return json.loads(unescape(match[1]))
+
+
+def pictured(page: str, script: str, folder: Path, picture: Path, size: tuple[int, int]) -> None:
+    """Write a PNG of a page as it is after the script has run; arguments as of `found_in`."""
+    run_chromium(_with_script(page, script, folder), folder, f"--screenshot={picture}", size=size)
+
+
+def _with_script(page: str, body: str, folder: Path) -> Path:
+    page = re.sub(r"<meta http-equiv=\"Content-Security-Policy\"[^>]*>", _AT_ONCE, page)
+    listener = f"<script>document.addEventListener('DOMContentLoaded', () => {{ {_DRIVER} {body} }});</script></body>"
+    path = folder / "page.html"
+    path.write_text(page.replace("</body>", listener), encoding="utf-8")
+    return path
 
 
 def run_chromium(path: Path, folder: Path, *flags: str, size: tuple[int, int] = (900, 500)) -> str:
