@@ -273,6 +273,30 @@ def test_a_link_opens_what_it_names_and_passes_over_what_is_gone(board: Board, t
     assert found["gone"]["rows"] is False and found["gone"]["names"] == ["planes", "holes", "network"]
 
 
+def test_who_shares_a_rank_is_ordered_by_value_and_names_break_after_underscores(tmp_path: Path) -> None:
+    few = made_board(scenes=["hall"])
+    found = seen(
+        few,
+        """
+        pick("task", "tracking");
+        const out = { ranks: column("rank"), names: names() };
+        click("[data-sort='rank']"); out.down = names();
+        out.metric = document.querySelector("caption bdi + bdi, caption strong").innerHTML;
+        return out;
+        """,
+        tmp_path,
+    )
+    ranked = [
+        (its.rank, its.median.value, its.completer)
+        for its in few.standings
+        if (its.incompleteness, its.level, its.metric) == ("holes", 0.3, "tracking_error_m") and its.rank
+    ]
+    assert found["ranks"] == ["1", "1", "2"]
+    assert found["names"] == [name for _, _, name in sorted(ranked)] != ["planes", "holes", "network"]
+    assert found["down"] == found["names"][::-1]
+    assert "tracking_<wbr>error_<wbr>m" in found["metric"]
+
+
 EVIL = [
     "</script><script>document.body.dataset.evil=1</script>",
     '"><img src=x onerror="document.body.dataset.evil=2">',

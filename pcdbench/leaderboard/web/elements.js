@@ -3,8 +3,8 @@
 const SVG = "http://www.w3.org/2000/svg";
 const el = (name, attributes, ...children) => filled(document.createElement(name), attributes, children);
 const svg = (name, attributes, ...children) => filled(document.createElementNS(SVG, name), attributes, children);
-/** A name of unknown direction: it must not turn what stands beside it around. */
-const isolated = (text) => el("bdi", {}, text);
+/** A name of unknown direction: it must not turn what stands beside it around. Lines may break after its underscores. */
+const isolated = (text) => el("bdi", {}, text.split(/(?<=_)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part])));
 
 function filled(element, attributes = {}, children = []) {
   for (const [name, value] of Object.entries(attributes)) {

@@ -20,7 +20,9 @@ class Tables {
       const [x, y] = [column.sort(a), column.sort(b)];
       const none = (value) => value === null || Number.isNaN(value);
       if (none(x) || none(y)) return none(x) - none(y) || a - b;
-      return (typeof x === "string" ? x.localeCompare(y) : x - y) * (descending ? -1 : 1) || a - b;
+      const before = typeof x === "string" ? x.localeCompare(y) : x - y;
+      const further = (column.then ?? []).map((of) => of(a) - of(b)).find((its) => its);
+      return (before || further || 0) * (descending ? -1 : 1) || a - b;
     };
     const role = (...roles) => shown.filter((i) => roles.includes(board.completers[i].role));
     return [
@@ -125,7 +127,14 @@ class Tables {
     const better = (value) => (its.direction === "lower" ? value : -value);
     const range = rangesOf(choice.shown.map((i) => ({ role: board.completers[i].role, ...of(i) })));
     const columns = [
-      { key: "rank", title: "rank", class: "rank", sort: (i) => of(i).rank, cell: (i) => of(i).rank ?? "" },
+      {
+        key: "rank",
+        title: "rank",
+        class: "rank",
+        sort: (i) => of(i).rank,
+        then: [(i) => -of(i).cases, (i) => better(of(i).value)], // who shares a rank
+        cell: (i) => of(i).rank ?? "",
+      },
       this.completerColumn(),
       { key: "plot", title: "", class: "plot", under: range.axis, cell: (i) => range.bar(of(i), board.look(i)) },
       {
