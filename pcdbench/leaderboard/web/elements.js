@@ -4,7 +4,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const el = (name, attributes, ...children) => filled(document.createElement(name), attributes, children);
 const svg = (name, attributes, ...children) => filled(document.createElementNS(SVG, name), attributes, children);
 /** A name of unknown direction: it must not turn what stands beside it around. Lines may break after its underscores. */
-const isolated = (text) => el("bdi", {}, text.split(/(?<=_)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part])));
+const isolated = (text) =>
+  el("bdi", {}, (text.match(/[^_]*_|[^_]+/g) ?? []).flatMap((part, i) => (i ? [el("wbr"), part] : [part])));
 
 function filled(element, attributes = {}, children = []) {
   for (const [name, value] of Object.entries(attributes)) {
