@@ -99,6 +99,11 @@ def needs_double(points: NDArray[np.float64], exact: bool = False) -> bool:
     return bool(np.any(np.abs(points - points.astype(np.float32)) > tolerance_m))
 
 
+def beyond_double(values: NDArray[Any]) -> bool:
+    """Whether some are too large for double precision to hold any whole number: times in nanoseconds, say."""
+    return bool(values.size) and values.dtype.itemsize == 8 and max(-float(values.min()), float(values.max())) >= 2**53
+
+
 def flat_fields(fields: Fields, longest: int = 100) -> dict[str, NDArray[Any]]:
     """Fields as formats of named columns hold them: (N,), of one-byte to eight-byte numbers, little-endian.
 

@@ -7,6 +7,7 @@ Read here and not by Open3D 0.20, which (tried) returns a file cut off after 2 o
 from __future__ import annotations
 
 import io
+import warnings
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,8 +21,10 @@ from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
     NO_FIELDS,
     NOTHING,
+    CloudWarning,
     Columns,
     Fields,
+    beyond_double,
     color_bytes,
     coordinate_and_color_names,
     flat_fields,
@@ -114,7 +117,15 @@ def write(
     """
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", cloud.points.T, strict=True))
     kinds = dict.fromkeys("xyz", np.dtype("<f8" if needs_double(cloud.points, exact) else "<f4"))
-    others = {name: _storable(column) for name, column in flat_fields(fields).items()}
+    others = flat_fields(fields)
+    lossy = [name for name, column in others.items() if column.dtype.kind in "iu" and beyond_double(column)]
+    if lossy:
+        warnings.warn(
+            f"{path}: PLY has no whole numbers as large as those of {', '.join(lossy)}, which lose digits; write NPZ",
+            CloudWarning,
+            4,
+        )
+    others = {name: _storable(column) for name, column in others.items()}
     if cloud.colors is not None:
         others = dict(zip(("red", "green", "blue"), color_bytes(cloud.colors).T, strict=True)) | others
     columns |= others

@@ -23,6 +23,7 @@ from pcdbench.formats.columns import (
     CloudWarning,
     Columns,
     Fields,
+    beyond_double,
     color_bytes,
     coordinate_and_color_names,
     flat_fields,
@@ -58,27 +59,32 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         raise CloudError(f"{path} has {layout.columns} columns where x y z are needed; check its separators")
     xyz, rgb = coordinate_and_color_names(layout.names)
     if xyz:
-        names = layout.names
-        others = [name for name in names if name in wanted and name not in xyz + rgb]
+        others = [name for name in layout.names if name in wanted and name not in xyz + rgb]
         numbers, others = _with_others(path, layout, xyz + rgb, others)
-        column = dict(zip(xyz + rgb + others, numbers.T, strict=True))
+        names = xyz + rgb + others
+        places = [layout.names.index(name) for name in names]
     else:
         own = 3 if layout.columns < 6 else 7 if layout.columns == 7 else 6
         more = [place for place in range(own, layout.columns) if f"column_{place + 1}" in wanted]
-        numbers = _numbers(path, layout, [*range(own), *more])
-        names = _names_by_place(numbers, layout, path)
+        places = [*range(own), *more]
+        numbers = _numbers(path, layout, places)
+        names = _names_by_place(numbers, places, layout, path)
         xyz, rgb = coordinate_and_color_names(names)
-        column = dict(zip(names, numbers.T, strict=True))
+    column = dict(zip(names, numbers.T, strict=True))
     if path.suffix.lower() == ".pts" and layout.promised is not None and len(numbers) < layout.promised:
         raise CloudError(f"{path} is cut off: {len(numbers):,} of {layout.promised:,} points are there; copy it again")
     fields = {name: column[name] for name in column if name in wanted and name not in xyz + rgb}
+    for name in [name for name in fields if beyond_double(fields[name])]:
+        # Not where they are written with a point or an exponent, as floating-point numbers are.
+        with suppress(ValueError):
+            fields[name] = _read(path, layout, [places[names.index(name)]], np.dtype(np.int64))[:, 0]
     colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path) if rgb else None
     return Columns(np.stack([column[name] for name in xyz], axis=1), colors, fields)
 
 
-def _names_by_place(numbers: NDArray[np.float64], layout: _Layout, path: Path) -> list[str]:
-    """What the columns are of a file that does not name them."""
-    names = ["x", "y", "z", *(f"column_{place}" for place in range(4, numbers.shape[1] + 1))]
+def _names_by_place(numbers: NDArray[np.float64], places: list[int], layout: _Layout, path: Path) -> list[str]:
+    """What the columns at these places are of a file that does not name them."""
+    names = ["x", "y", "z", *(f"column_{place + 1}" for place in places[3:])]
     if numbers.shape[1] < 6:
         return names
     if _are_unit_vectors(numbers[:, 3:6]):
@@ -119,12 +125,10 @@ def _with_others(
 
 def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float64]:
     """(N, len(places)) these columns of all rows."""
-    with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        try:
-            rows = islice(stream, layout.lines_before, None)
-            return np.loadtxt(rows, delimiter=layout.separator, usecols=places, ndmin=2)
-        except ValueError as error:
-            stream.seek(0)
+    try:
+        return _read(path, layout, places, np.dtype(np.float64))
+    except ValueError as error:
+        with path.open(encoding="utf-8-sig", errors="replace") as stream:
             for number, line in enumerate(stream, 1):
                 words = [word.strip() for word in line.split("#")[0].strip().split(layout.separator)]
                 asked = [words[place] for place in places if place < len(words)]
@@ -134,7 +138,13 @@ def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float
                         f"{path}: line {number} ({line.strip()[:60]!r}) has no {layout.columns} numbers as the first "
                         "row has; mend or delete it"
                     ) from error
-            raise
+        raise
+
+
+def _read(path: Path, layout: _Layout, places: list[int], kind: np.dtype[Any]) -> NDArray[Any]:
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        rows = islice(stream, layout.lines_before, None)
+        return np.loadtxt(rows, dtype=kind, delimiter=layout.separator, usecols=places, ndmin=2)
 
 
 def holds_points(path: Path) -> bool:
@@ -172,8 +182,12 @@ def write(
             stream.write(f"{'' if is_csv else '# '}{separator.join(names)}\n")
         # In pieces: all columns as doubles at once would take as much memory again as the cloud.
         for start in range(0, len(cloud), _ROWS_A_PIECE):
-            piece = np.column_stack([column[start : start + _ROWS_A_PIECE] for column in columns])
-            np.savetxt(stream, piece, fmt=formats, delimiter=separator)
+            parts = [column[start : start + _ROWS_A_PIECE] for column in columns]
+            if any(map(beyond_double, parts)):
+                rows = zip(*(part for whole in parts for part in np.atleast_2d(whole.T)), strict=True)
+                stream.writelines(separator.join(formats) % row + "\n" for row in rows)
+            else:
+                np.savetxt(stream, np.column_stack(parts), fmt=formats, delimiter=separator)
 
 
 def _layout(path: Path) -> _Layout:

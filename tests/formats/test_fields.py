@@ -12,6 +12,7 @@ from pcdbench.formats import (
     read_cloud,
     read_cloud_and_fields,
     read_observed,
+    text,
     write_cloud,
 )
 
@@ -122,6 +123,29 @@ def test_fields_keep_their_numbers_and_types(tmp_path, extension):
         np.testing.assert_array_equal(back[name].astype(values.dtype), values, err_msg=name)
         if extension not in (".xyz", ".txt", ".csv", ".asc") and (extension, name) != (".ply", "id"):
             assert back[name].dtype == values.dtype, name
+
+
+@pytest.mark.parametrize("extension", [extension for extension in WITH_FIELDS if extension != ".ply"])
+def test_whole_numbers_beyond_double_precision_keep_their_digits(tmp_path, extension):
+    stamps = 1_700_000_000_123_456_789 + np.arange(200)
+    write_cloud(marked()[0], tmp_path / f"a{extension}", {"label": np.arange(200), "stamp_ns": stamps})
+    back = fields_of(tmp_path / f"a{extension}")
+    np.testing.assert_array_equal(back["stamp_ns"], stamps)
+    np.testing.assert_array_equal(back["label"], np.arange(200))
+
+
+def test_ply_says_that_it_has_no_such_numbers(tmp_path):
+    with pytest.warns(CloudWarning, match="as large as those of stamp_ns, which lose digits"):
+        write_cloud(marked()[0], tmp_path / "a.ply", {"stamp_ns": 2**60 + np.arange(200), "label": np.arange(200)})
+    assert fields_of(tmp_path / "a.ply")["stamp_ns"].astype(np.int64)[0] == 2**60
+
+
+def test_a_column_without_a_name_is_found_by_its_place(tmp_path):
+    (tmp_path / "a.xyz").write_text("0 0 0 9 9 9 7 8 1700000000123456789\n1 1 1 9 9 9 7.5 8 1700000000123456790\n")
+    columns = text.read(tmp_path / "a.xyz", {"column_9"})
+    assert {name: values.tolist() for name, values in columns.fields.items()} == {
+        "column_9": [1700000000123456789, 1700000000123456790]
+    }
 
 
 @pytest.mark.parametrize("extension", WITH_FIELDS)
