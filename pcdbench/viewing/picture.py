@@ -36,7 +36,7 @@ def write_picture(
 
     Args:
         frame: the cloud whose extent every panel shows (the complete one), so that panels line up.
-        missing: by the name of a cloud, what it lacks: shown in it in orange.
+        missing: by the name of a cloud, what it lacks: shown in it in orange if it has colours.
     """
     from matplotlib.figure import Figure
 
@@ -54,7 +54,8 @@ def write_picture(
         row, column = divmod(place, columns)
         for below, views in enumerate(images):
             axes[2 * row + below, column].imshow(views[place], interpolation="lanczos")
-        lacks = f", {len(missing[name]):,} missing (orange)" if name in missing else ""
+        lacks = f", {len(missing[name]):,} missing" if name in missing else ""
+        lacks += " (orange)" if lacks and cloud.colors is not None else ""
         axes[2 * row, column].set_title(f"{name}\n{len(cloud):,} points{lacks}", fontsize=11)
     figure.suptitle(title, fontsize=12)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,8 @@
 """Pictures of clouds: what hides what, and where it lies."""
 
 import numpy as np
+import pytest
+from matplotlib.axes import Axes
 from matplotlib.image import imread
 
 from pcdbench.cloud import PointCloud
@@ -56,6 +58,17 @@ def test_what_a_cloud_lacks_is_shown_in_it_alone(tmp_path):
     left, right = np.split(np.arange(image.shape[1]), [image.shape[1] // 2])
     assert not orange[:, left].any() and orange[:, right].sum() > 0.3 * blue[:, left].sum()
     assert 0.3 < blue[:, right].sum() / blue[:, left].sum() < 0.7
+
+
+@pytest.mark.parametrize("color", [True, False])
+def test_orange_is_spoken_of_where_it_is_shown(tmp_path, monkeypatch, color):
+    titles = []
+    monkeypatch.setattr(Axes, "set_title", lambda _, text, **how: titles.append(text))
+    room = PointCloud(np.random.default_rng(0).random((100, 3)), np.tile(BLUE, (100, 1)) if color else None)
+    write_picture(
+        tmp_path / "a.png", [("half", room.select(slice(50)))], "title", room, {"half": room.select(slice(50, 100))}
+    )
+    assert titles == ["half\n50 points, 50 missing" + (" (orange)" if color else "")]
 
 
 def test_many_clouds_are_wrapped(tmp_path):
