@@ -1,11 +1,11 @@
 """pcdbench measures how much completing an indoor point cloud helps what you want to do with it.
 
-The names below are the public API. They are imported on first use: `import pcdbench` costs nothing.
+The names below are the public API. They and all modules are imported on first use: `import pcdbench` costs nothing.
 """
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 from typing import TYPE_CHECKING, Any
 
 from pcdbench.errors import CloudError, PcdbenchError, PluginError, Skipped
@@ -84,9 +84,11 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _MODULE_OF_NAME:
-        raise AttributeError(f"module 'pcdbench' has no attribute {name!r}")
-    return getattr(importlib.import_module(f"pcdbench.{_MODULE_OF_NAME[name]}"), name)
+    if name in _MODULE_OF_NAME:
+        return getattr(importlib.import_module(f"pcdbench.{_MODULE_OF_NAME[name]}"), name)
+    if not name.startswith("_") and importlib.util.find_spec(f"pcdbench.{name}"):
+        return importlib.import_module(f"pcdbench.{name}")
+    raise AttributeError(f"module 'pcdbench' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

@@ -1,5 +1,6 @@
 """Plugins: found by entry point, loaded one at a time and lazily, and reported by name where they fail."""
 
+import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
@@ -175,3 +176,13 @@ def test_unknown_names_get_a_suggestion_or_the_choice() -> None:
     assert did_you_mean("zzz", ["plane_fitting", "chamfer"]) == "there is plane_fitting, chamfer"
     with pytest.raises(PluginError, match="nothing of that kind"):
         Registry().get("task", "any")
+
+
+def test_modules_are_there_after_importing_the_package_alone():
+    """In a process of its own: here they are imported already."""
+    program = (
+        "import pcdbench, sys; assert 'pcdbench.weights' not in sys.modules\n"
+        "print(pcdbench.weights.LearnedCompleter.__name__, hasattr(pcdbench, 'wieghts'))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.split() == ["LearnedCompleter", "False"], done.stderr

@@ -54,6 +54,7 @@ def read_board(path: Path) -> Board:
     Raises:
         PcdbenchError: where there is none, it is damaged, or a newer pcdbench wrote it.
     """
+    folder = path.parent if path.suffix == ".json" else path
     try:
         path = path / LEADERBOARD if path.is_dir() else path
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_no_number, parse_float=_finite)
@@ -62,7 +63,7 @@ def read_board(path: Path) -> Board:
             raise ValueError(f"there never was a schema_version {version!r}")
     except FileNotFoundError:
         raise PcdbenchError(
-            f"{path} is not there; make it with: pcdbench leaderboard build RUN... -o {path.parent}"
+            f"{path} is not there; make it with: pcdbench leaderboard build RUN... -o {folder}"
         ) from None
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise PcdbenchError(f"{path} cannot be read ({error}); build the board again") from None

@@ -22,7 +22,7 @@ from pcdbench.leaderboard.merging import AGREEMENT, version_text
 
 FEWEST_CASES = 4
 SIGNIFICANCE = 0.01
-"""How often a change that makes nothing worse may be called a regression, over all that a check compares."""
+"""How often a change that changes nothing may be called better or worse, over all that a check compares."""
 LEAST_CHANGE = 1e-3
 """Smaller mean changes, as shares of the metric's mean, are no regression however certain they are."""
 SLOWER = 2.0
@@ -89,8 +89,8 @@ def check(committed: Board, fresh: Board) -> Verdict:
     - A protocol (data, incompleteness, task) that is another, and a reference whose values differ, is `changed`: the
       numbers of the two boards do not mean the same.
     - A completer's metric is `worse` (or `better`) where the mean of its relative differences, paired by case, is
-      beyond `LEAST_CHANGE` and one-sided t-tests, by Holm's method over everything that changed, are at
-      `SIGNIFICANCE`.
+      beyond `LEAST_CHANGE` and one-sided t-tests, by Holm's method over everything that changed, are at half of
+      `SIGNIFICANCE` each.
     - A case that was measured and is not any more is `failed`.
     - A completer is `slower` where the median of its cases' times, as ratios to the calibration job of the same run,
       is `SLOWER` times what it was; `SLOWER_ELSEWHERE` times where another processor measured the board.

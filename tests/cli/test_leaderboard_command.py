@@ -74,7 +74,7 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path):
     [
         (["build", "nowhere", "-o", "board"], "nowhere is not a run"),
         (["build", "nowhere", "-o", "board", "--update"], "nowhere is not a run"),
-        (["check", "nowhere"], "nowhere is not there; make it with: pcdbench leaderboard build"),
+        (["check", "nowhere"], "nowhere is not there; make it with: pcdbench leaderboard build RUN... -o nowhere"),
     ],
 )
 def test_mistakes_are_one_line(run, arguments, message):
