@@ -28,10 +28,14 @@ _SHOWN_WEIGHTS = 16
 
 @dataclass(frozen=True)
 class _Index:
-    """Where everything is in the columns; settings are (data, incompleteness, level), metrics (task, name)."""
+    """Where everything is in the columns; settings are (data, incompleteness, level), metrics (task, name).
+
+    `main` is each task's main metric among the metrics.
+    """
 
     settings: Mapping[tuple[int, str, float], int]
     metrics: Mapping[tuple[str, str], int]
+    main: Mapping[str, int]
     completers: Mapping[str, int]
     tasks: Mapping[str, int]
 
@@ -52,12 +56,13 @@ def page_payload(board: Board) -> dict[str, Any]:
     `samples_of` by metric: null, or `counts` (uint16, by (case, completer)) and `values`, one after the other.
     Other numbers are "short floats", the upper three bytes of float32. All are little endian.
     """
+    metrics = {
+        key: place for place, key in enumerate((task.name, its.name) for task in board.tasks for its in _metrics(task))
+    }
     index = _Index(
         settings={key: place for place, key in enumerate(_settings(board))},
-        metrics={
-            key: place
-            for place, key in enumerate((task.name, its.name) for task in board.tasks for its in _metrics(task))
-        },
+        metrics=metrics,
+        main={task.name: metrics[task.name, _metrics(task)[0].name] for task in board.tasks},
         completers={completer.label: place for place, completer in enumerate(board.completers)},
         tasks={task.name: place for place, task in enumerate(board.tasks)},
     )
@@ -157,7 +162,9 @@ def _standings(board: Board, index: _Index) -> dict[str, Any]:
         setting = index.settings[its.data, its.incompleteness, its.level]
         completer = index.completers[its.completer]
         cost["seconds"][setting, completer], cost["memory_mb"][setting, completer] = its.seconds, its.memory_mb
-        at = setting, index.metrics[its.task, its.metric], completer
+        # What was lost where nothing was measured is counted with the metric that the page shows of the task at first.
+        metric = index.metrics[its.task, its.metric] if its.metric else index.main[its.task]
+        at = setting, metric, completer
         for name in STATISTICS:
             estimate: Estimate | None = getattr(its, name)
             if estimate is not None:
@@ -186,7 +193,6 @@ def _cells(board: Board, index: _Index) -> dict[str, Any]:
     values = np.full((len(index.metrics), *shape), np.nan, "<f4")
     samples: dict[int, dict[tuple[int, int], Sequence[float]]] = {}
     reasons: dict[str, int] = {}
-    main = {task.name: index.metrics[task.name, _metrics(task)[0].name] for task in board.tasks}
     for cell in board.cells:
         at = cell.case, index.completers[cell.completer]
         if cell.seconds is not None:
@@ -201,7 +207,7 @@ def _cells(board: Board, index: _Index) -> dict[str, Any]:
             for name, value in result.values.items():
                 values[(index.metrics[task, name], *at)] = value
             if result.samples:
-                samples.setdefault(main[task], {})[at] = result.samples
+                samples.setdefault(index.main[task], {})[at] = result.samples
     return {
         "scenes": list(scenes),
         "seeds": list(seeds),

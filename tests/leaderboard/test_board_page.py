@@ -9,6 +9,7 @@ import subprocess
 from html.parser import HTMLParser
 from importlib import resources
 from itertools import chain, combinations, product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,9 +17,11 @@ import pytest
 from boards_for_tests import REFERENCES, TASKS, made_board
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from runs_for_tests import full_row, store_run
 
 from pcdbench import PointCloud
 from pcdbench.leaderboard.board import Board
+from pcdbench.leaderboard.building import board_of_runs
 from pcdbench.leaderboard.case_clouds import CaseClouds, shown_cases
 from pcdbench.leaderboard.page import board_page
 from pcdbench.leaderboard.page_data import CURVE_STEPS, SAMPLES_AT_MOST, packed_floats, page_payload
@@ -149,6 +152,16 @@ def test_the_metrics_with_the_most_samples_are_left_out_where_all_are_too_many(
 def test_a_board_on_which_nothing_was_measured_has_a_page() -> None:
     page = board_page(made_board(["network"], ["hall"], failing="network", tasks=["ssim"]), case_command=COMMAND)
     assert "12 rows" not in page and "Without measurements (6 rows)" in page
+
+
+def test_what_was_skipped_throughout_on_one_data_set_is_counted_there(tmp_path: Path) -> None:
+    for split, status in (("coloured", "ok"), ("grey", "skipped")):
+        scenes = [f"{split} {number}" for number in range(3)]
+        store_run(tmp_path / split, [full_row("a", [0.5], scene=its, status=status) for its in scenes], split=split)
+    payload = page_payload(board_of_runs("b", [tmp_path]))
+    counts = {name: bytes_of(payload["counts"][name], "<u2").tolist() for name in ("cases", "skipped")}
+    assert [its["dataset"] for its in payload["settings"]] == [0, 1] and len(payload["metrics"]) == 1
+    assert counts == {"cases": [3, 0], "skipped": [0, 3]}
 
 
 class Elements(HTMLParser):
