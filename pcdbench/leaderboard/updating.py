@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from pcdbench.errors import PcdbenchError
-from pcdbench.leaderboard.board import Board
+from pcdbench.leaderboard.board import Board, BoardTask
 from pcdbench.leaderboard.building import comparisons_of, in_order, rankings_of
 from pcdbench.leaderboard.gate import case_key, changed_protocols, paired, reference_changes
 from pcdbench.leaderboard.saw_test import seen_in_training
@@ -15,7 +15,8 @@ def updated(board: Board, fresh: Board) -> Board:
     """The board with the fresh one's completers, each in the place of all that the board had under its name.
 
     References are not taken over: measured again beside the completers, they show that both boards measure alike.
-    Of the others their cells and standings stay; ranks and comparisons are made anew.
+    Of the others their cells and standings stay; ranks and comparisons are made anew. Metrics that the board does not
+    have come to it.
 
     Args:
         fresh: of runs of some or all of the board's cases and tasks.
@@ -39,6 +40,7 @@ def updated(board: Board, fresh: Board) -> Board:
     changed = next((finding for finding in found if finding.kind == "changed"), None)
     if changed is not None:
         raise PcdbenchError(f"the runs do not measure as the board {board.name} does: {changed.told}")
+    _refuse_other_metrics(board, fresh)
 
     ours = {
         its.label: replace(its, saw_test=seen_in_training(its.card, board.data))
@@ -68,8 +70,9 @@ def updated(board: Board, fresh: Board) -> Board:
     cells = [replace(cell, run=number_of[cell.run]) for cell in cells]
     places = [(its.dataset, its.split) for its in board.data]
     data_of = [places.index((its.dataset, its.split)) for its in fresh.data]
-    rankings = rankings_of(board.cases, cells, completers, board.tasks)
-    main = {(task.name, metric.name) for task in board.tasks for metric in task.metrics if metric.main}
+    tasks = _tasks(board, fresh)
+    rankings = rankings_of(board.cases, cells, completers, tasks)
+    main = {(task.name, metric.name) for task in tasks for metric in task.metrics if metric.main}
     standings = []
     for standing in [
         *(its for its in board.standings if its.completer in kept),
@@ -80,16 +83,47 @@ def updated(board: Board, fresh: Board) -> Board:
         standings.append(replace(standing, rank=ranks.get(standing.completer)))
     return replace(
         board,
+        tasks=tasks,
         completers=completers,
         runs=tuple(runs[at] for at in used),
         cells=tuple(cells),
         standings=tuple(
             standing
             for at in range(len(board.data))
-            for standing in in_order((its for its in standings if its.data == at), completers, board.tasks)
+            for standing in in_order((its for its in standings if its.data == at), completers, tasks)
         ),
         comparisons=comparisons_of(rankings),
     )
+
+
+def _refuse_other_metrics(board: Board, fresh: Board) -> None:
+    """Raise where the same cases of references have a metric on one of the boards alone: their rows do not merge."""
+    measured = [
+        (task, old.values, pair.new.results[task].values)
+        for label, its in paired(board, fresh).items()
+        if board.completer_of[label].reference
+        for pair in its
+        for task, old in pair.old.results.items()
+        if task in pair.new.results and old.status == pair.new.results[task].status == "ok"
+    ]
+    had, has = ({(task, name) for task, *values in measured for name in values[at]} for at in (0, 1))
+    if had != has:
+        task, name = min(had ^ has)
+        raise PcdbenchError(
+            f"the runs do not measure as the board {board.name} does: {name} ({task}) of the references is "
+            f"{'in the runs' if (task, name) in has else 'on the board'} alone; build the board anew"
+        )
+
+
+def _tasks(board: Board, fresh: Board) -> tuple[BoardTask, ...]:
+    """The board's tasks with the metrics of both."""
+    merged = []
+    for task in board.tasks:
+        its = fresh.task_of.get(task.name, task)
+        known = {metric.name for metric in task.metrics}
+        metrics = [*task.metrics, *(metric for metric in its.metrics if metric.name not in known)]
+        merged.append(replace(task, metrics=tuple(sorted(metrics, key=lambda one: not one.main))))
+    return tuple(merged)
 
 
 def _refuse_less(board: Board, fresh: Board, names: set[str]) -> None:

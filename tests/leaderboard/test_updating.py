@@ -51,6 +51,29 @@ def test_a_completer_may_come_to_it_and_cover_less(tmp_path):
     assert {its.completer: its.cases for its in found.standings} == {"incomplete": 7, "a": 7, "c": 3}
 
 
+def with_second(rows):
+    for row in rows:
+        row["metrics"]["second"] = row["metrics"]["minor"]
+    return rows
+
+
+def test_a_metric_that_only_completers_have_comes_to_it_as_in_one_board_of_all_runs(tmp_path):
+    old = board(tmp_path, "old", rows_of("a", 1.0))
+    found = updated(old, board(tmp_path, "new", with_second(rows_of("c", 2.0)), time="2026-01-02"))
+    assert [metric.name for metric in found.task_of["task"].metrics] == ["error_m", "minor", "second"]
+    assert board_json(found) == board_json(board_of_runs("b", [tmp_path / "old", tmp_path / "new"]))
+
+
+def test_a_metric_that_references_have_on_one_side_alone_is_refused_as_merging_its_rows_is(tmp_path):
+    less = board(tmp_path, "less", rows_of("incomplete", 5.0), rows_of("a", 1.0))
+    more = board(tmp_path, "more", *(with_second(rows_of(*its)) for its in (("incomplete", 5.0), ("a", 1.0))))
+    for old, new, where in ((less, more, "in the runs"), (more, less, "on the board")):
+        with pytest.raises(PcdbenchError, match=rf"second \(other\) of the references is {where} alone; build the"):
+            updated(old, new)
+    with pytest.raises(PcdbenchError, match=r"do not agree on .* second has "):
+        board_of_runs("b", [tmp_path / "less", tmp_path / "more"])
+
+
 def test_what_is_measured_anew_is_measured_whole(tmp_path):
     old = board(tmp_path, "old", rows_of("incomplete", 5.0), rows_of("a", 1.0))
     for name, rows, count in (
