@@ -88,9 +88,9 @@ def check(committed: Board, fresh: Board) -> Verdict:
 
     - A protocol (data, incompleteness, task) that is another, and a reference whose values differ, is `changed`: the
       numbers of the two boards do not mean the same.
-    - A completer's metric is `worse` (or `better`) where the mean of its relative differences, paired by case, is
-      beyond `LEAST_CHANGE` and one-sided t-tests, by Holm's method over everything that changed, are at half of
-      `SIGNIFICANCE` each.
+    - A completer's metric is `worse` (or `better`) where the mean of its relative differences on a data set, paired by
+      case, is beyond `LEAST_CHANGE` and one-sided t-tests, by Holm's method over everything that changed, are at half
+      of `SIGNIFICANCE` each.
     - A case that was measured and is not any more is `failed`.
     - A completer is `slower` where the median of its cases' times, as ratios to the calibration job of the same run,
       is `SLOWER` times what it was; `SLOWER_ELSEWHERE` times where another processor measured the board.
@@ -239,10 +239,12 @@ def reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], al
 
 
 def _value_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
-    """Metrics of completers that got worse or better."""
+    """Metrics of completers that got worse or better on a data set: what another one gained must not hide that."""
     tests = []
-    for label, its in pairs.items():
-        if committed.completer_of[label].reference:
+    for label, where, its in _by_data(committed, pairs):
+        if len(its) < FEWEST_CASES:
+            told = f"metrics of {label}{where}: that takes {FEWEST_CASES} cases, and there are {len(its)}"
+            yield Finding("note", label, "", told)
             continue
         for task in committed.tasks:
             if task.name in altered:
@@ -251,22 +253,36 @@ def _value_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], alter
                 relative, scale = _relative_differences(its, task.name, metric.name)
                 if len(relative) >= FEWEST_CASES and np.abs(relative).max() > _SAME:
                     worse = relative if metric.direction == "lower" else -relative
-                    tests.append((label, task.name, metric.name, worse, scale))
+                    tests.append((label, where, task.name, metric.name, worse, scale))
     p_values = [min(_p_value(worse), _p_value(-worse)) for *_, worse, _ in tests]
     for number in _rejected_by_holm(p_values):
-        label, task_name, name, worse, scale = tests[number]
+        label, where, task_name, name, worse, scale = tests[number]
         mean = float(worse.mean())
         if abs(mean) > LEAST_CHANGE:
             kind: Kind = "worse" if mean > 0 else "better"
             told = (
-                f"{name} ({task_name}) of {label}: {kind} by {abs(mean):.2%} of its mean ({scale:.4g}) over "
+                f"{name} ({task_name}) of {label}{where}: {kind} by {abs(mean):.2%} of its mean ({scale:.4g}) over "
                 f"{len(worse)} cases, in {int((worse > 0).sum() if mean > 0 else (worse < 0).sum())} of them"
             )
             yield Finding(kind, label, task_name, told)
 
 
+def _by_data(committed: Board, pairs: Mapping[str, Sequence[_Pair]]) -> Iterator[tuple[str, str, Sequence[_Pair]]]:
+    """Each completer that is no reference with its pairs on one data set, and which that is where there are several."""
+    for label, its in pairs.items():
+        if not committed.completer_of[label].reference:
+            for number, data in enumerate(committed.data):
+                of_data = [pair for pair in its if pair.case.data == number]
+                if of_data:
+                    yield label, f" on {data.dataset} {data.split}" if len(committed.data) > 1 else "", of_data
+
+
 def _relative_differences(pairs: Sequence[_Pair], task: str, metric: str) -> tuple[NDArray[np.float64], float]:
-    """(n,) new less old of each case, as a share of the mean of its incompleteness and level; and the overall mean."""
+    """(n,) new less old of each case, as a share of the mean of its incompleteness and level; and the overall mean.
+
+    Args:
+        pairs: of one data set.
+    """
     by_table: dict[tuple[str, float], list[tuple[float, float]]] = defaultdict(list)
     for case, old, new in _both_values(pairs, task, metric):
         by_table[case.incompleteness, case.level].append((old, new))

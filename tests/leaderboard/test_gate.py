@@ -180,6 +180,28 @@ def test_higher_is_better_where_it_is(tmp_path):
     }
 
 
+def on_two(tmp_path, name, small, count=6):
+    """A board of two data, the values of the second far smaller."""
+    store_run(tmp_path / name / "large", rows(value=1000.0), split="large")
+    store_run(tmp_path / name / "small", rows(value=small, count=count), split="small")
+    return board_of_runs("board", [tmp_path / name])
+
+
+def test_each_data_set_is_compared_by_itself(tmp_path):
+    worse = check(on_two(tmp_path, "one", 1.0), on_two(tmp_path, "two", 1.3))
+    (finding,) = worse.findings
+    assert finding.kind == "worse"
+    assert (
+        finding.told
+        == "error_m (task) of a on rooms small: worse by 30.00% of its mean (3.5) over 6 cases, in 6 of them"
+    )
+
+
+def test_a_data_set_of_too_few_cases_is_told(tmp_path):
+    few = check(on_two(tmp_path, "one", 1.0, count=3), on_two(tmp_path, "two", 1.3, count=3))
+    assert few.holds and "of a on rooms small: that takes 4 cases, and there are 3" in verdict_text(few)
+
+
 def test_a_reference_that_differs_in_a_few_cases_is_told_and_no_regression(tmp_path):
     committed = board(tmp_path / "one", rows("incomplete", count=10))
     few, many = rows("incomplete", count=10), rows("incomplete", count=10, value=1.01)
