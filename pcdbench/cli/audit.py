@@ -79,6 +79,8 @@ def audit(
 
 
 def _print_audits(found: list[Audit], rows: Sequence[dict[str, Any]]) -> None:
+    from rich.markup import escape
+
     from pcdbench.cli.results import print_reasons, table_console
     from pcdbench.leaderboard.audit import TRUTH
     from pcdbench.leaderboard.render import audit_table, estimate_text, print_tables
@@ -90,7 +92,8 @@ def _print_audits(found: list[Audit], rows: Sequence[dict[str, Any]]) -> None:
         for check in its.checks:
             verdict = "[green]holds[/]" if check.holds else "[bold red]does not hold[/]"
             advantage = "" if check.advantage is None else f"  better by {estimate_text(check.advantage, its.unit)}"
-            console.print(f"  {verdict}  {check.name}{advantage}  {check.note}", soft_wrap=True)
+            told = escape(f"{check.name}{advantage}  {check.note}")
+            console.print(f"  {verdict}  {told}", soft_wrap=True)
         if its.ceiling == TRUTH:
             console.print("  No second sample of these scenes exists: the ceiling is the truth itself.")
         if 0 < its.scenes < _FEW_SCENES:

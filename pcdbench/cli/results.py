@@ -48,8 +48,9 @@ def table_console() -> Any:
     """A console on standard output; tables that go to a file or a pipe are not squeezed to 80 columns."""
     from rich.console import Console
 
-    console = Console(highlight=False)
-    return console if console.is_terminal else Console(highlight=False, width=_WIDTH_OFF_TERMINAL)
+    # Plugins' errors may hold what rich takes for an emoji: `:key:`.
+    console = Console(highlight=False, emoji=False)
+    return console if console.is_terminal else Console(highlight=False, emoji=False, width=_WIDTH_OFF_TERMINAL)
 
 
 def print_reasons(found: Sequence[str], console: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from xml.etree import ElementTree
 
@@ -18,6 +19,8 @@ _TITLES: dict[Kind, str] = {
     "faster": "Faster",
     "note": "Not compared",
 }
+# XML 1.0 has no way to write the others (2.2, "Characters"), and errors come with the colours of a terminal.
+_NO_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
 
 
 def verdict_line(verdict: Verdict) -> str:
@@ -48,7 +51,7 @@ def verdict_markdown(verdict: Verdict) -> str:
 def verdict_junit(verdict: Verdict) -> str:
     """The verdict as JUnit XML: a test case for each completer on each task, and one for its time.
 
-    Findings that concern no single completer are test cases of their own.
+    Findings that concern no single completer are test cases of their own. Characters that XML forbids are left out.
     """
     known = list(verdict.compared)
     known += [(completer, "time") for completer in dict.fromkeys(completer for completer, _ in known)]
@@ -67,7 +70,8 @@ def verdict_junit(verdict: Verdict) -> str:
         case = ElementTree.SubElement(suite, "testcase", classname=f"{verdict.board}.{completer}", name=task)
         if its:
             _add_failure(case, its)
-    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n"
+    text = _NO_XML.sub("", ElementTree.tostring(suite, encoding="unicode"))
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'
 
 
 def _add_failure(case: ElementTree.Element, findings: Sequence[Finding]) -> None:

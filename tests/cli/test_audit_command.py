@@ -5,6 +5,8 @@ import json
 from typer.testing import CliRunner
 
 from pcdbench.cli import app
+from pcdbench.cli.audit import _print_audits
+from pcdbench.leaderboard.audit import Audit, Check
 
 TINY = ["--dataset", "tiny", "--incompleteness", "slab", "--jobs", "1", "--option", "tiny.scenes=12"]
 
@@ -38,3 +40,11 @@ def test_without_a_second_sample_the_truth_is_the_ceiling(tmp_path, tiny_plugins
     assert ended.exit_code == 0, ended.stdout + ended.stderr
     assert "No second sample of these scenes exists: the ceiling is the truth itself." in ended.stdout
     assert "skipped: resample on tiny_gap: the dense cloud of" in ended.stdout
+
+
+def test_what_plugins_say_is_no_markup(capsys):
+    error = "no [bold] kernel in [/usr/lib/x.so] for :key:"
+    nothing = Check("something is measured", False, None, error)
+    row = {"status": "failed", "error": error, "scene": "s", "completer": {"name": "c"}, "task": {"name": "t"}}
+    _print_audits([Audit("t", "", "", "", "holes", 0, "", (), (nothing,))], [row])
+    assert capsys.readouterr().out.count(error) == 2

@@ -296,3 +296,12 @@ def test_the_reports_say_the_same():
     assert cases["rooms.a<b>", "time"].get("type") == "slower" and cases["rooms.c", "ssim"] is None
     holds = replace(verdict, findings=findings[2:])
     assert holds.holds and "✅" in verdict_markdown(holds) and 'failures="0"' in verdict_junit(holds)
+
+
+def test_what_xml_forbids_is_left_out_of_it():
+    told = "a: \x1b[31mred\x1b[0m\x00\ud800\uffff,\ttab, é, 🪑"
+    verdict = Verdict("rooms", 6, (), (Finding("failed", "a\x1b", "ssim", told),))
+    (case,) = ElementTree.fromstring(verdict_junit(verdict).partition("\n")[2])
+    failure = case.find("failure")
+    assert case.get("classname") == "rooms.a"
+    assert failure.get("message") == failure.text == "a: [31mred[0m,\ttab, é, 🪑"
