@@ -5,7 +5,7 @@ from __future__ import annotations
 import traceback
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -161,12 +161,13 @@ class Executor:
             try:
                 kept[key] = make()
             except Failure as failure:
-                kept[key] = failure
+                kept[key] = replace(failure)
             if kind in ("scene", "case") and len(kept) > _KEPT_SCENES:
                 kept.popitem(last=False)
         kept.move_to_end(key)
         if isinstance(kept[key], Failure):
-            raise kept[key]
+            # A new one each time: what is raised holds the frames that it passes, with their cases and clouds.
+            raise replace(kept[key])
         return kept[key]
 
 

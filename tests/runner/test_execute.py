@@ -1,11 +1,14 @@
 """One cell: what its rows hold, and that whatever goes wrong costs its own rows alone."""
 
+import gc
 import json
+import weakref
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from pcdbench.case import make_case
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor
 from pcdbench.runner.plan import Request, plan
@@ -125,6 +128,27 @@ def test_a_scene_that_cannot_be_made_fails_with_its_reason(run_rows):
     found = {row["scene"]: (row["status"], row["stage"], row["error"]) for row in rows}
     assert found["box1"] == ("failed", "scene", "box1.ply has no points; scan it again")
     assert found["box0"] == found["box2"] == ("ok", None, None)
+
+
+@pytest.mark.parametrize("plugin", ["Fill", "Gap"])
+def test_what_cannot_be_built_keeps_no_cases(run_rows, monkeypatch, plugin):
+    cases, alive = [], []
+
+    def cannot(self, options=None):
+        raise ImportError("no module named x")
+
+    def noted(*arguments):
+        gc.collect()
+        alive.append(sum(case() is not None for case in cases))
+        case = make_case(*arguments)
+        cases.append(weakref.ref(case))
+        return case
+
+    monkeypatch.setattr(f"tiny_plugins.{plugin}.__init__", cannot)
+    monkeypatch.setattr("pcdbench.runner.execute.make_case", noted)
+    rows = run_rows(scenes=6)
+    assert [row["error"] for row in rows] == ["ImportError: no module named x"] * 6
+    assert len(alive) == 6 and max(alive) <= 2, "as many as it keeps anyhow"
 
 
 def test_completions_are_cached_by_key_and_code_but_references_are_not(run_rows, tmp_path):
