@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +16,7 @@ from pcdbench.leaderboard.run_shape import require_sound_facts, require_sound_ke
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.runner.row_shape import require_sound_rows
 from pcdbench.runner.rows import cost_measured
-from pcdbench.runner.store import ROWS, RUN, read_rows, read_run, warn_of_missing_rows
+from pcdbench.runner.store import ELSEWHERE, ROWS, RUN, read_rows, read_run, warn_of_missing_rows
 
 # Machines round differently; what they measure of one key differs by less than this share of the value.
 AGREEMENT = 1e-3
@@ -25,7 +26,7 @@ _KEPT = ("key", "cell", "scene", "draw", "level", "status", "error", "missing", 
 
 @dataclass(frozen=True)
 class RunRows:
-    """A run's rows, without what boards do not use, and what `run.json` says of it."""
+    """Rows of a run that were measured on one machine, without what boards do not use, and what `run.json` says."""
 
     folder: Path
     facts: Mapping[str, Any]
@@ -50,13 +51,13 @@ class MergedRow:
 
 
 def read_runs(folders: Iterable[Path]) -> list[RunRows]:
-    """The runs in these folders; a folder that is none may hold some. Sorted, each once.
+    """The runs in these folders, apart by machine; a folder that is none may hold some. Sorted, each once.
 
     Raises:
         PcdbenchError: where there is no run, one is damaged, or one has no rows.
     """
-    found = {path.resolve(): _read(path) for path in _run_folders(folders)}
-    return sorted(found.values(), key=lambda run: run.order)
+    found = {path.resolve(): path for path in _run_folders(folders)}
+    return sorted((run for path in found.values() for run in _read(path)), key=lambda run: run.order)
 
 
 def data_paths(folders: Iterable[Path]) -> dict[str, str | None]:
@@ -122,7 +123,7 @@ def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
     return [merged[key] for key in sorted(merged)]
 
 
-def _read(folder: Path) -> RunRows:
+def _read(folder: Path) -> list[RunRows]:
     facts = read_run(folder)
     require_sound_facts(facts, folder / RUN)
     shared: dict[str, Any] = {}
@@ -134,7 +135,12 @@ def _read(folder: Path) -> RunRows:
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
     warn_of_missing_rows(folder, facts, rows)
-    return RunRows(folder, facts, rows)
+    elsewhere = facts.get(ELSEWHERE, {})
+    by_host = defaultdict(list)
+    for row in rows:
+        host = str(row["host"])
+        by_host[host if host in elsewhere else ""].append(row)
+    return [RunRows(folder, {**facts, **elsewhere.get(host, {})}, its) for host, its in by_host.items()]
 
 
 def _slim(row: Mapping[str, Any], shared: dict[str, Any], path: Path) -> dict[str, Any]:

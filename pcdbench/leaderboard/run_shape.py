@@ -47,13 +47,17 @@ class _Configuration(BaseModel):
     completers: list[_Completer] = []
 
 
-class _Facts(BaseModel):
-    configuration: _Configuration
+class _Circumstances(BaseModel):
     time: str | None = None
     calibration_seconds: _Number | None = None
     machine: dict[str, Any] = {}
     git: dict[str, Any] | None = None
+
+
+class _Facts(_Circumstances):
+    configuration: _Configuration
     dataset_path: str | None = None
+    elsewhere: dict[str, _Circumstances] = {}
 
 
 _PLUGINS: Mapping[str, type[_Plugin]] = {

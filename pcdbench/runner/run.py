@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import platform
 import shlex
 import sys
 import time
@@ -63,16 +64,19 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
         "command": shlex.join(["pcdbench", *sys.argv[1:]]),
         "dataset_path": plan.dataset.path,
         "left_out": dict(plan.left_out),
-        "workers": executor.workers,
         PLANNED_ROWS: len(plan.cells) * len(plan.tasks),
-        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        **provenance(),
     }
     with RunStore(folder, plan.configuration, facts) as store:
         stored = store.rows()
         jobs = missing_jobs(plan, stored.finished_keys)
         if jobs:
-            store.record({"calibration_seconds": round(calibration_seconds(), 4)})
+            circumstances = {
+                "workers": executor.workers,
+                "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                **provenance(),
+                "calibration_seconds": round(calibration_seconds(), 4),
+            }
+            store.record(platform.node(), circumstances)
         with (
             RunProgress(jobs, executor.workers) as progress,
             contextlib.closing(executor.run(jobs, plan.dataset)) as results,

@@ -23,6 +23,8 @@ ROWS = "rows.jsonl"
 RUN = "run.json"
 # In `run.json`: how many rows it will have when it is finished.
 PLANNED_ROWS = "planned_rows"
+# Likewise: the circumstances of rows measured elsewhere than where the run began, by the `host` of those rows.
+ELSEWHERE = "elsewhere"
 _LOCK = ".lock"
 _SHOWN_DIFFERENCES = 3
 _SHOWN_RUNS = 12
@@ -40,7 +42,7 @@ class RunStore:
     Args:
         folder: made where it does not exist.
         configuration: everything that decides the run's rows (see `Plan.configuration`).
-        facts: what else `run.json` says: command, package versions, machine.
+        facts: what else `run.json` says of the run, whether or not anything is measured: its command, say.
 
     Raises:
         PcdbenchError: where the folder cannot be written, is in use, or holds another run.
@@ -106,9 +108,17 @@ class RunStore:
         """The rows so far."""
         return read_rows(self.folder)
 
-    def record(self, facts: Mapping[str, Any]) -> None:
-        """Have `run.json` say more."""
-        self._facts = {**self._facts, **facts}
+    def record(self, host: str, circumstances: Mapping[str, Any]) -> None:
+        """Have `run.json` say how the rows to come are measured, beside what it says of those of other hosts.
+
+        Args:
+            host: of this machine, as in its rows.
+            circumstances: time, machine, its calibration and the like; always the same names.
+        """
+        if self._rows.seek(0, os.SEEK_END) == 0 or self._facts.get("host") == host:
+            self._facts = {**self._facts, "host": host, **circumstances}
+        else:
+            self._facts = {**self._facts, ELSEWHERE: {**self._facts.get(ELSEWHERE, {}), host: dict(circumstances)}}
         self._write_run()
 
     def _claim(self) -> None:

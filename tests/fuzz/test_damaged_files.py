@@ -241,6 +241,8 @@ def test_boards_of_strangers_rows(reader: Reader, tmp_path: Path, change: Callab
         {"machine": {"cpu": float("nan")}},
         {"calibration_seconds": -1},
         {"time": 5},
+        {"elsewhere": {"h": {"calibration_seconds": -1}}},
+        {"elsewhere": ["h"]},
     ],
 )
 def test_boards_of_strangers_runs(reader: Reader, tmp_path: Path, change: dict) -> None:

@@ -63,6 +63,20 @@ def test_a_cell_costs_what_was_measured_last(tmp_path):
     assert summarize([cached, again, *rows])["seconds"].eq(2.0).all()
 
 
+def test_a_cell_is_of_the_machine_that_measured_it(tmp_path):
+    here, there = full_row("a", [1.0], scene="room0"), full_row("a", [2.0], scene="room1") | {"host": "there"}
+    folder = store_run(tmp_path / "run", [here, there], calibration=1.0, cpu="X")
+    facts = json.loads((folder / "run.json").read_text())
+    elsewhere = {"there": {"time": "2026-02-02", "calibration_seconds": 3.0, "machine": {"cpu": "Y"}}}
+    (folder / "run.json").write_text(json.dumps(facts | {"host": "h", "elsewhere": elsewhere}))
+    board = board_of_runs("b", [folder])
+    ran = {board.cases[cell.case].scene: board.runs[cell.run] for cell in board.cells}
+    assert {scene: (run.processor, run.calibration_seconds) for scene, run in ran.items()} == {
+        "room0": ("X", 1.0),
+        "room1": ("Y", 3.0),
+    }
+
+
 def test_what_is_there_twice_must_agree(tmp_path):
     one = store_run(tmp_path / "one", [full_row("a", [1.0])])
     two = store_run(tmp_path / "two", [full_row("a", [1.02])])

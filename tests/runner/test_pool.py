@@ -6,10 +6,13 @@ import pytest
 from outcomes_for_tests import outcomes
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner.completions import CompletionCache
+from pcdbench.runner.execute import Executor
 from pcdbench.runner.jobs import Job, JobQueue
 from pcdbench.runner.plan import Request, plan
 from pcdbench.runner.progress import RemainingTime, duration
 from pcdbench.runner.run import carry_out, local_processes
+from pcdbench.runner.store import read_run
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 TINY = Request(["tiny_fill"], ["tiny_gap", "tiny_color"], "tiny", None, ["slab"], references=False)
@@ -50,6 +53,40 @@ def test_failed_rows_are_tried_again_and_others_are_not(tmp_path):
     mark.touch()
     second = carry_out(planned, tmp_path / "run", local_processes(1))
     assert (second.new_cells, len(second.failed), len(second.rows)) == (3, 0, 12)
+
+
+class InThisProcess:
+    """Runs cells here and now, without a cache."""
+
+    workers = 1
+
+    def run(self, jobs, dataset):
+        executor = Executor(dataset, CompletionCache(limit_mb=0))
+        for job in jobs:
+            yield job, executor.rows(job.cell, job.tasks)
+
+
+def test_a_run_says_which_machine_measured_its_rows(tmp_path, monkeypatch):
+    mark = tmp_path / "mark"
+    options = ["tiny_faulty.how=once", f"tiny_faulty.mark={mark}", "tiny.scenes=1"]
+    planned = plan(replace(TINY, completers=["tiny_faulty", "tiny_fill"], options=options))
+
+    def facts(host, calibration):
+        monkeypatch.setattr("platform.node", lambda: host)
+        monkeypatch.setattr("pcdbench.runner.run.provenance", lambda: {"machine": {"cpu": f"that of {host}"}})
+        monkeypatch.setattr("pcdbench.runner.run.calibration_seconds", lambda: calibration)
+        ended = carry_out(planned, tmp_path / "run", InThisProcess())
+        told = read_run(tmp_path / "run")
+        by_host = {told["host"]: told} | told.get("elsewhere", {})
+        found = {of: (its["machine"]["cpu"], its["calibration_seconds"]) for of, its in by_host.items()}
+        return found, {row["host"] for row in ended.rows}
+
+    assert facts("a", 1.0) == ({"a": ("that of a", 1.0)}, {"a"})
+    assert facts("a", 2.0) == ({"a": ("that of a", 2.0)}, {"a"}), "what failed was tried again"
+    mark.touch()
+    both = {"a": ("that of a", 2.0), "b": ("that of b", 3.0)}
+    assert facts("b", 3.0) == (both, {"a", "b"})
+    assert facts("c", 4.0) == facts("a", 5.0) == (both, {"a", "b"}), "there was nothing left to measure"
 
 
 def test_not_one_usable_scene_is_an_error_that_names_the_first(tmp_path):
