@@ -26,6 +26,8 @@ PLANNED_ROWS = "planned_rows"
 # Likewise: the circumstances of rows measured elsewhere than where the run began, by the `host` of those rows.
 ELSEWHERE = "elsewhere"
 _LOCK = ".lock"
+# Paths that are not UTF-8, and what is said of them, hold lone surrogates: no reason to lose a row.
+_UNENCODABLE = "replace"
 _SHOWN_DIFFERENCES = 3
 _SHOWN_RUNS = 12
 _KINDS = {
@@ -92,7 +94,7 @@ class RunStore:
         lines = "".join(json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
         whole = self._rows.seek(0, os.SEEK_END)
         try:
-            left = memoryview(lines.encode())
+            left = memoryview(lines.encode(errors=_UNENCODABLE))
             while left:
                 left = left[self._rows.write(left) or 0 :]
             os.fsync(self._rows.fileno())
@@ -189,9 +191,9 @@ def warn_of_missing_rows(folder: Path, facts: Mapping[str, Any], rows: Sequence[
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file so that it appears complete or not at all."""
+    """Write a file so that it appears complete or not at all; what UTF-8 cannot say becomes a question mark."""
     with whole_file(path, sync=True) as unfinished:
-        unfinished.write_text(text, encoding="utf-8")
+        unfinished.write_text(text, encoding="utf-8", errors=_UNENCODABLE)
 
 
 def _drop_torn_line(path: Path) -> None:

@@ -25,6 +25,14 @@ def test_rows_and_run_come_back(tmp_path):
     assert read_run(tmp_path / "run")["configuration"] == CONFIGURATION
 
 
+def test_what_utf8_cannot_say_is_stored_with_question_marks(tmp_path):
+    unread = row("a", "failed") | {"error": "caf\udce9.ply has no points"}
+    with RunStore(tmp_path, CONFIGURATION, {"command": "pcdbench run --out caf\udce9"}) as store:
+        store.append([unread, row("b")])
+    assert list(read_rows(tmp_path)) == [row("a", "failed") | {"error": "caf?.ply has no points"}, row("b")]
+    assert read_run(tmp_path)["command"] == "pcdbench run --out caf?"
+
+
 def test_the_newest_row_of_a_key_counts_and_older_ones_stay_in_the_file(tmp_path):
     with RunStore(tmp_path, CONFIGURATION, {}) as store:
         store.append([row("a", "failed", 1), row("b")])
