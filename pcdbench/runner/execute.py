@@ -65,9 +65,11 @@ class Executor:
         return [row for step in self.steps(cell, tasks) for row in step.rows]
 
     def steps(self, cell: Cell, tasks: Sequence[Plugin]) -> Iterator[Step]:
-        """A cell step by step: making its case, completing it, evaluating it by each task."""
+        """A cell step by step: making its scene, then its case, completing it, evaluating it by each task."""
         base = base_row(self._dataset, cell)
         try:
+            self._scene(cell)
+            yield Step(base)
             case = self.case(cell)
             yield Step(base)
             completion, cached = self.completion(cell, case)
@@ -94,7 +96,7 @@ class Executor:
         Raises:
             Failure: where the scene or the case cannot be made.
         """
-        scene = self._remember("scene", cell.scene, lambda: _at("scene", lambda: self._scene(cell)))
+        scene = self._scene(cell)
         incompleteness = cell.incompleteness
 
         def make() -> Case:
@@ -104,9 +106,7 @@ class Executor:
                 raise Skipped(f"nothing is left of {cell.scene} at level {cell.level:g}")
             return case
 
-        return self._remember(
-            "case", (cell.scene, incompleteness.identity, cell.level, cell.seed), lambda: _at("case", make)
-        )
+        return self._remember("case", cell.case, lambda: _at("case", make))
 
     def completion(self, cell: Cell, case: Case) -> tuple[Completion, bool]:
         """The completed cloud, and whether it came from the cache.
@@ -137,6 +137,9 @@ class Executor:
         return new_row(base, cell, task) | {"status": "ok", "evaluating": cost.as_json()} | samples
 
     def _scene(self, cell: Cell) -> Scene:
+        return self._remember("scene", cell.scene, lambda: _at("scene", lambda: self._made_scene(cell)))
+
+    def _made_scene(self, cell: Cell) -> Scene:
         """The scene of a cell.
 
         Raises:

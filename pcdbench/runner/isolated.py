@@ -10,7 +10,7 @@ import faulthandler
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import wait
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -28,6 +28,7 @@ from pcdbench.workers import begin_worker, end_group
 
 if TYPE_CHECKING:
     from pcdbench.runner.execute import Executor, Step
+    from pcdbench.runner.plan import Cell
     from pcdbench.runner.rows import Row
 
 _LOOK_EVERY_SECONDS = 0.1
@@ -93,8 +94,7 @@ class IsolatedWorker:
         self._pid = 0
         self._jobs = 0
         self._stopped = threading.Event()
-        self._last_scene = ""
-        self._lost_scenes: dict[str, Death] = {}
+        self._lost: dict[Hashable, Death] = {}
 
     def rows(self, job: Job) -> list[Row]:
         """One row for each task of the job, whatever happens to the process.
@@ -113,8 +113,9 @@ class IsolatedWorker:
             deaths = 1 if attempt.rows else deaths + 1
             if death.crash and deaths <= self._limits.retries:
                 continue
-            if attempt.stage == "scene":
-                self._lost_scenes[job.cell.scene] = death
+            made = _made_for(job.cell).get(attempt.stage)
+            if made is not None:
+                self._lost[made] = death
             culprits = left[len(attempt.rows) :][: 1 if attempt.stage == "evaluating" else None]
             rows += _failed_rows(job, culprits, attempt, deaths)
             deaths = 0
@@ -142,23 +143,21 @@ class IsolatedWorker:
         from pcdbench.runner.rows import base_row
 
         attempt = Attempt(base_row(self._dataset, job.cell, self._threads))
-        scene = job.cell.scene
-        if scene in self._lost_scenes:
-            attempt.stage, attempt.death = "scene", self._lost_scenes[scene]
-            return attempt
-        making = "case" if self._last_scene == scene else "scene"
+        for stage, made in _made_for(job.cell).items():
+            if made in self._lost:
+                attempt.stage, attempt.death = stage, self._lost[made]
+                return attempt
         if self._pool is None:
             attempt.death = self._start(job)
         self._jobs += 1
-        for stage in (making, "completing", *["evaluating"] * len(job.tasks)):
+        for stage in ("scene", "case", "completing", *["evaluating"] * len(job.tasks)):
             if attempt.death is not None or len(attempt.rows) == len(job.tasks):
                 break
             attempt.stage = stage
-            answer = self._ask(_step, job if stage == making else None, timeout_seconds=self._limits.timeout_seconds)
+            answer = self._ask(_step, job if stage == "scene" else None, timeout_seconds=self._limits.timeout_seconds)
             if isinstance(answer, Death):
                 attempt.death = answer
             else:
-                self._last_scene = scene
                 attempt.facts = answer.facts
                 attempt.rows += answer.rows
         if attempt.death is not None:
@@ -168,7 +167,7 @@ class IsolatedWorker:
     def _start(self, job: Job) -> Death | None:
         arguments = (self._dataset, self._threads, self._limits.timeout_seconds, self._output.handle)
         self._pool = ProcessPool(1, initializer=_begin, initargs=arguments, context=get_context("spawn"))
-        self._jobs, self._last_scene = 0, ""
+        self._jobs = 0
         answer = self._ask(_get_ready, job, timeout_seconds=_STARTING_SECONDS)
         if isinstance(answer, Death):
             return answer
@@ -213,6 +212,11 @@ class IsolatedWorker:
 
     def _death(self, error: str, **how: Any) -> Death:
         return Death(error, output=self._output.last_lines(), **how)
+
+
+def _made_for(cell: Cell) -> dict[str, Hashable]:
+    """What other cells need as well, by the stage that makes it: where its making ends a process, it is lost to all."""
+    return {"scene": cell.scene, "case": cell.case}
 
 
 def _failed_rows(job: Job, tasks: Sequence[Plugin], attempt: Attempt, deaths: int) -> list[Row]:

@@ -30,7 +30,7 @@ class Limits:
     """What a cell may take before it is given up.
 
     Attributes:
-        timeout_seconds: for making a case, for completing it and for each evaluation, one by one.
+        timeout_seconds: for making a scene, making a case of it, completing it, and each evaluation, one by one.
         memory_gb: resident memory (1 GB = 10^9 bytes) of a worker and the processes it started; None: no limit.
         retries: how many more times a step is tried whose worker died. What raises or hangs is not tried again.
 

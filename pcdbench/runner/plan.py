@@ -74,6 +74,11 @@ class Cell:
             ]
         )
 
+    @property
+    def case(self) -> tuple[str, str, float, int]:
+        """What tells its case from all others of the run."""
+        return self.scene, self.incompleteness.identity, self.level, self.seed
+
     def row_key(self, task: Plugin) -> str:
         """Digest of all that decides a row's measurements: this cell's key and the task."""
         return digest([self.key, task.identity])

@@ -120,6 +120,21 @@ def test_a_scene_that_cannot_be_made_is_not_tried_for_each_of_its_cells(tmp_path
     assert len(ended.rows) == 12 and tally.read_text() == "x"
 
 
+def test_a_death_while_a_case_is_made_is_that_cases_alone(tmp_path, monkeypatch):
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    tally = tmp_path / "tally"
+    request = replace(TINY, completers=["tiny_fill", "tiny_colorful"], incompletenesses=["troubled_slab", "slab"])
+    options = [f"troubled_slab.how=tally:{tally}", "tiny.scenes=1"]
+    planned = plan(replace(request, levels=[0.1, 0.3], options=options))
+    ended = carry_out(planned, tmp_path / "run", local_processes(1, LIMITS))
+    found = [(row["incompleteness"]["name"], row["level"], row["status"], row["stage"]) for row in ended.rows]
+    lost, sound = ("troubled_slab", 0.1, "failed", "case"), ("ok", None)
+    assert found == [lost] * 2 + [
+        (*of, *sound) for of in (("troubled_slab", 0.3), ("slab", 0.1), ("slab", 0.3)) for _ in "ab"
+    ]
+    assert tally.read_text() == "x", "it is not tried for each completer"
+
+
 def test_what_dies_once_is_tried_again_and_what_raises_is_not(run_rows, tmp_path):
     mark = tmp_path / "mark"
     rows = run_rows(f"tiny_troubled.how=mark:{mark},crash,raise", levels=TENTHS[:3], limits=replace(LIMITS, retries=1))

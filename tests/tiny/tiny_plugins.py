@@ -35,6 +35,7 @@ def register_datasets(register: Register) -> None:
 @hookimpl
 def register_incompletenesses(register: Register) -> None:
     register("slab", "tiny_plugins:Slab", "one side is missing")
+    register("troubled_slab", "tiny_plugins:TroubledSlab", "misbehaves by level")
 
 
 @hookimpl
@@ -161,6 +162,17 @@ class Slab(Incompleteness):
         kept = np.ones(len(along), dtype=bool)
         kept[np.argsort(along)[len(along) - round(level * len(along)) :]] = False
         return kept
+
+
+class TroubledSlab(Slab):
+    class Options(pcdbench.Options):
+        how: str = Field("", description="what to do at each tenth of points that are missing, as `crash,hang`")
+
+    options: Options
+
+    def kept(self, scene: Scene, level: float, rng: np.random.Generator) -> np.ndarray:
+        misbehave(_at_level(self.options.how, level))
+        return super().kept(scene, level, rng)
 
 
 class Fill(Completer):
