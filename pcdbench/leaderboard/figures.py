@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from pcdbench.paths import file_name
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor, Failure
-from pcdbench.runner.plan import Cell, Plan
+from pcdbench.runner.plan import Plan
 from pcdbench.runner.selection import Plugin
 
 if TYPE_CHECKING:
@@ -17,25 +17,22 @@ if TYPE_CHECKING:
 
 
 def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Path) -> Path | None:
-    """Draw the first case of the middle level: true, incomplete, and as each completer completed it.
+    """Draw the first case of the middle level that was completed: true, incomplete, and as each completer did it.
 
     Returns:
-        `case_<scene>_<level>.png` in `folder`, or None where no scene could be used, or the scene is gone since.
+        `case_<scene>_<level>.png` in `folder`, or None where none was completed, or its scene is gone since.
     """
     from pcdbench.viewing.picture import write_picture
 
-    usable = {row["scene"] for row in rows if row["stage"] not in ("scene", "case")}
+    # Here nothing is isolated: only what could be made and completed in a worker is made again.
+    completed = {row["cell"] for row in rows if row["points"] is not None}
     levels = sorted({cell.level for cell in plan.cells})
     level = levels[len(levels) // 2]
-    cells = [cell for cell in plan.cells if cell.scene in usable and cell.level == level]
+    cells = [cell for cell in plan.cells if cell.key in completed and cell.level == level]
     if not cells:
         return None
     first = cells[0]
-    # Here nothing is isolated: a completer is shown only where it did complete the case.
-    completed = {row["cell"] for row in rows if row["points"] is not None}
-    shown = [
-        cell for cell in cells if _same_case(cell, first) and not cell.completer.reference and cell.key in completed
-    ]
+    shown = [cell for cell in cells if cell.case == first.case and not cell.completer.reference]
     executor = Executor(plan.dataset, CompletionCache())
     try:
         case = executor.case(first)
@@ -92,12 +89,3 @@ def _drawn(row: Mapping[str, Any]) -> dict[str, Any]:
         "labels": {name: metric["labels"] for name, metric in metrics if "labels" in metric},
         "trace": row["trace"],
     }
-
-
-def _same_case(cell: Cell, other: Cell) -> bool:
-    return (cell.scene, cell.draw, cell.incompleteness, cell.level) == (
-        other.scene,
-        other.draw,
-        other.incompleteness,
-        other.level,
-    )

@@ -19,6 +19,8 @@ from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.leaderboard.figures import write_case_picture
 from pcdbench.leaderboard.results import rows_of_run
+from pcdbench.runner.completions import CompletionCache
+from pcdbench.runner.execute import Executor
 from pcdbench.runner.plan import Request, plan
 
 COMMAND = [sys.executable, "-c", "from pcdbench.cli import main; main()"]
@@ -283,6 +285,20 @@ def test_one_case_is_drawn_unless_its_scan_is_gone(run, tmp_path):
     assert write_case_picture(planned, rows, tmp_path / "drawn") == tmp_path / "drawn" / "case_room_0.3.png"
     (tmp_path / "scans" / "room.npz").write_bytes(b"damaged")
     assert write_case_picture(planned, rows, tmp_path / "drawn") is None
+
+
+@pytest.mark.usefixtures("tiny_plugins")
+def test_a_case_that_could_not_be_made_is_not_made_again_to_be_drawn(tmp_path, monkeypatch):
+    options = ["tiny.scenes=1", "troubled_slab.how=raise"]
+    ways = ["troubled_slab", "slab"]
+    planned = plan(Request(["tiny_fill"], ["tiny_gap"], "tiny", None, ways, [0.1], options=options, references=False))
+    executor = Executor(planned.dataset, CompletionCache(tmp_path))
+    rows = [row for cell in planned.cells for row in executor.rows(cell, planned.tasks)]
+    assert [row["stage"] for row in rows] == ["case", None]
+    done = []
+    monkeypatch.setattr("tiny_plugins.misbehave", done.append)
+    assert write_case_picture(planned, rows, tmp_path / "drawn") is not None
+    assert "raise" not in done, "what ended a worker would end this process"
 
 
 @pytest.mark.parametrize(
