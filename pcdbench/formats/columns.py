@@ -15,7 +15,21 @@ from pcdbench.errors import CloudError
 
 # Float colours may overshoot 1 by rounding, by no more.
 _ROUNDING = 1e-3
-_COLOR_NAMES = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+_COORDINATE_NAMES = (
+    ("x", "y", "z"),
+    ("points:0", "points:1", "points:2"),
+    ("points_0", "points_1", "points_2"),
+    ("easting", "northing", "elevation"),
+    ("easting", "northing", "height"),
+)
+_COLOR_NAMES = (
+    ("red", "green", "blue"),
+    ("r", "g", "b"),
+    ("diffuse_red", "diffuse_green", "diffuse_blue"),
+    ("rf", "gf", "bf"),
+)
+# What may follow a coordinate's name: X[m], x (ft), X_m, x coord.
+_UNIT = re.compile(r"[ _]?[\[(]\w+[\])]$|[ _](?:mm|cm|m|ft|coord)$")
 _PACKED_COLORS = ("rgb", "rgba")
 LARGEST_FLOAT32_ERROR_M = 5e-5
 # Compressed points that repeat each other take next to no room, and a small file could fill any memory. Real ones take
@@ -53,11 +67,17 @@ class Columns:
 def coordinate_and_color_names(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Which of a file's column names are x, y, z and red, green, blue, as written there; [] where they are missing."""
     written = {name.strip("\"' ").lower(): name for name in reversed(names)}
-    xyz = [written[name] for name in "xyz" if name in written]
-    for candidate in _COLOR_NAMES:
-        if all(name in written for name in candidate):
-            return xyz if len(xyz) == 3 else [], [written[name] for name in candidate]
-    return xyz if len(xyz) == 3 else [], []
+    # Of one unit all three: x and y may be pixels where X_m, Y_m and Z_m follow.
+    units = dict.fromkeys(["", *(unit.group() for unit in map(_UNIT.search, written) if unit)])
+    by_unit = ({name.removesuffix(unit): written[name] for name in written if name.endswith(unit)} for unit in units)
+    xyz = next(filter(None, (_first_of(_COORDINATE_NAMES, of_unit) for of_unit in by_unit)), [])
+    return xyz, _first_of(_COLOR_NAMES, written)
+
+
+def _first_of(candidates: Sequence[tuple[str, ...]], written: Mapping[str, str]) -> list[str]:
+    """The first of the candidates that is there completely, as written; [] where none is."""
+    found = (candidate for candidate in candidates if all(name in written for name in candidate))
+    return [written[name] for name in next(found, ())]
 
 
 def unit_colors(values: NDArray[Any], path: Path) -> NDArray[np.float32]:

@@ -50,9 +50,10 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     """The points of a text file.
 
     Columns are found by their names where a header line (or the comment before the first row) has x, y and z,
-    otherwise by place: x y z, then, in files of six columns and more, red green blue. Three columns of unit vectors in
-    that place are normals. Of seven columns the fourth is an intensity where it cannot be a colour, or where the first
-    line is a number of points, as in PTS files. Fields without a name have that of their place (`column_7`).
+    otherwise by place, with a warning where there is a header: x y z, then, in files of six columns and more, red green
+    blue. Three columns of unit vectors in that place are normals. Of seven columns the fourth is an intensity where it
+    cannot be a colour, or where the first line is a number of points, as in PTS files. Fields without a name have that
+    of their place (`column_7`).
     """
     layout = _layout(path)
     if layout.columns < 3:
@@ -64,6 +65,14 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         names = xyz + rgb + others
         places = [layout.names.index(name) for name in names]
     else:
+        if layout.names:
+            # Not refused: coordinates have names in every language, and most files begin with them.
+            warnings.warn(
+                f"{path}: its header ({', '.join(layout.names)[:80]}) names no x, y and z; the first three columns are "
+                "taken for them. If they are others, name them x, y and z in the first line",
+                CloudWarning,
+                4,
+            )
         own = 3 if layout.columns < 6 else 7 if layout.columns == 7 else 6
         more = [place for place in range(own, layout.columns) if f"column_{place + 1}" in wanted]
         places = [*range(own), *more]

@@ -23,16 +23,22 @@ EXPECTED = np.array([[1.5, 2.0, 3.25], [4.0, -5.5, 6.0]])
         "# exported\n# from somewhere\n1.5 2 3.25 # first\n# between\n4 -5.5 6\n",
         "2\n1.5 2 3.25\n4 -5.5 6\n",
         "Easting;Northing;Height\n1.5;2;3.25\n4;-5.5;6\n",
+        "Northing;Easting;Elevation\n2;1.5;3.25\n-5.5;4;6\n",
+        "Point_ID,X_m,Y_m,Z_m\n1,1.5,2,3.25\n2,4,-5.5,6\n",
+        "//id X[m] Y[m] Z[m]\n1 1.5 2 3.25\n2 4 -5.5 6\n",
+        "x,y,X (m),Y (m),Z (m)\n7,8,1.5,2,3.25\n9,9,4,-5.5,6\n",
+        '"intensity","laser_id","Points:0","Points:1","Points:2"\n12,3,1.5,2,3.25\n13,4,4,-5.5,6\n',
+        "# scanned by hand\n1.5 2 3.25\n4 -5.5 6\n",
         "1.5e0 2 3.25 17\n4 -5.5 6 18\n",
         "1.5 2 3.25 0 0 -1\n4 -5.5 6 0.6 0.8 0\n",
         "z intensity x y\n3.25 9 1.5 2\n6 9 4 -5.5\n",
     ],
 )
-def test_points_without_color(tmp_path, text):
+def test_points_without_color(tmp_path, text, recwarn):
     (tmp_path / "a.txt").write_text(text, newline="")
     cloud = read_cloud(tmp_path / "a.txt")
     np.testing.assert_array_equal(cloud.points, EXPECTED)
-    assert cloud.colors is None
+    assert cloud.colors is None and not recwarn.list
 
 
 @pytest.mark.parametrize(
@@ -43,6 +49,7 @@ def test_points_without_color(tmp_path, text):
         "1.5,2,3.25,65535,0,13107\n4,-5.5,6,0,13107,65535\n",
         "1.5 2 3.25 255 0 51 99 98\n4 -5.5 6 0 51 255 97 96\n",
         '"X","Y","Z","Intensity","R","G","B"\n1.5,2,3.25,7,255,0,51\n4,-5.5,6,7,0,51,255\n',
+        "//X Y Z Rf Gf Bf\n1.5 2 3.25 1 0 0.2\n4 -5.5 6 0 0.2 1\n",
         "//X Y Z Intensity red green blue\n1.5 2 3.25 7 255 0 51\n4 -5.5 6 7 0 51 255\n",
     ],
 )
@@ -51,6 +58,13 @@ def test_points_with_color(tmp_path, text):
     cloud = read_cloud(tmp_path / "a.csv")
     np.testing.assert_array_equal(cloud.points, EXPECTED)
     np.testing.assert_allclose(cloud.colors, [[1, 0, 0.2], [0, 0.2, 1]], atol=1e-7)
+
+
+def test_a_header_without_coordinates_is_warned_of(tmp_path):
+    (tmp_path / "a.csv").write_text("Rechtswert;Hochwert;Höhe\n1.5;2;3.25\n4;-5.5;6\n", encoding="utf-8")
+    with pytest.warns(CloudWarning, match=r"a\.csv: its header \(Rechtswert, Hochwert, Höhe\) names no x, y and z"):
+        cloud = read_cloud(tmp_path / "a.csv")
+    np.testing.assert_array_equal(cloud.points, EXPECTED)
 
 
 def test_map_coordinates_keep_their_digits(tmp_path):
