@@ -7,7 +7,8 @@ packed `rgb` (8 bits each in the bits of a float) is read and written.
 from __future__ import annotations
 
 import io
-from collections.abc import Container
+from collections.abc import Container, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -21,6 +22,7 @@ from pcdbench.formats.columns import (
     NOTHING,
     Columns,
     Fields,
+    beyond_double,
     color_bytes,
     coordinate_and_color_names,
     flat_fields,
@@ -166,9 +168,8 @@ def _width(row_type: np.dtype[Any]) -> int:
 def _ascii_rows(stream: BinaryIO, row_type: np.dtype[Any], count: int, path: Path) -> dict[str, NDArray[Any]]:
     if not count:
         return {name: np.empty(0) for name in row_type.names or ()}
-    lines = io.TextIOWrapper(stream, encoding="ascii", errors="replace")
-    numbers = np.loadtxt((line for line in lines if line.strip()), max_rows=count, ndmin=2, comments=None)
-    lines.detach()
+    first = stream.tell()
+    numbers = _ascii_numbers(stream, count, np.dtype(np.float64))
     if len(numbers) < count or numbers.shape[1] != _width(row_type):
         raise CloudError(
             f"{path} is cut off: its header promises {count:,} points of {_width(row_type)} numbers, "
@@ -181,9 +182,28 @@ def _ascii_rows(stream: BinaryIO, row_type: np.dtype[Any], count: int, path: Pat
         if base.kind in "iu" and not np.all((column >= np.iinfo(base).min) & (column <= np.iinfo(base).max)):
             raise CloudError(f"{path}: field {name} does not fit the type its header names; export it again")
         # Coordinates stay double: text may hold more digits than the named type.
-        rows[name] = column if name in ("x", "y", "z") else column.astype(base)
+        is_coordinate = name in ("x", "y", "z")
+        if base.kind in "iu" and not is_coordinate and beyond_double(column):
+            # Not where they are written with a point or an exponent, as floating-point numbers are.
+            with suppress(ValueError):
+                stream.seek(first)
+                column = _ascii_numbers(stream, count, base, range(start, start + width)).reshape(column.shape)
+        rows[name] = column if is_coordinate else column.astype(base)
         start += width
     return rows
+
+
+def _ascii_numbers(
+    stream: BinaryIO, count: int, kind: np.dtype[Any], places: Sequence[int] | None = None
+) -> NDArray[Any]:
+    """(at most count, len(places)) these columns, or all, of the rows from here on."""
+    lines = io.TextIOWrapper(stream, encoding="ascii", errors="replace")
+    try:
+        rows = (line for line in lines if line.strip())
+        return np.loadtxt(rows, dtype=kind, max_rows=count, usecols=places, ndmin=2, comments=None)
+    finally:
+        # The stream stays open.
+        lines.detach()
 
 
 def _compressed_rows(

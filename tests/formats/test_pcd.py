@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcdbench.errors import CloudError
-from pcdbench.formats import read_cloud
+from pcdbench.formats import read_cloud, read_cloud_and_fields
 from pcdbench.open3d_loader import load_open3d
 
 BYTES = np.array([[255, 0, 51], [1, 2, 3], [128, 64, 32]], dtype=np.uint8)
@@ -40,6 +40,17 @@ def test_packed_colors_in_ascii(tmp_path):
     cloud = read_cloud(tmp_path / "a.pcd")
     np.testing.assert_array_equal(cloud.colors, BYTES / np.float32(255))
     assert (cloud.points[:, 1] == 1234567.8912).all()
+
+
+def test_whole_numbers_in_ascii_keep_their_digits(tmp_path):
+    head = header("x y t n z s", "4 4 8 8 4 8", "F F U I F U", 2, "ascii", "1 1 1 2 1 1")
+    rows = "1 2 1700000000000000123 7 -1700000000000000123 3 1.7e18\n4 5 18446744073709551615 8 9 6 9\n"
+    (tmp_path / "a.pcd").write_bytes(head + rows.encode())
+    cloud, fields = read_cloud_and_fields(tmp_path / "a.pcd")
+    np.testing.assert_array_equal(cloud.points, [[1, 2, 3], [4, 5, 6]])
+    assert fields["t"].dtype == np.uint64 and fields["t"].tolist() == [1700000000000000123, 2**64 - 1]
+    assert fields["n"].dtype == np.int64 and fields["n"].tolist() == [[7, -1700000000000000123], [8, 9]]
+    assert fields["s"].tolist() == [1700000000000000000, 9]
 
 
 def test_separate_colors_padding_and_counts(tmp_path):
