@@ -255,5 +255,7 @@ def _is_number(word: str) -> bool:
 
 
 def _are_unit_vectors(vectors: np.ndarray) -> bool:
+    # Where no normal could be estimated many programs write NaN.
+    vectors = vectors[np.isfinite(vectors).all(axis=1)]
     lengths = np.linalg.norm(vectors, axis=1)
-    return bool(vectors.min() < 0 and np.median(np.abs(lengths - 1)) < 0.01)
+    return bool(vectors.size and vectors.min() < 0 and np.median(np.abs(lengths - 1)) < 0.01)

@@ -134,3 +134,14 @@ def test_columns_without_names_are_fields_by_their_place(tmp_path):
     cloud, fields = read_cloud_and_fields(path)
     assert cloud.colors is None and list(fields) == ["nx", "ny", "nz", "column_7"]
     np.testing.assert_array_equal(fields["nz"], [-1, 0])
+
+
+def test_normals_may_be_missing_of_some_points(tmp_path, recwarn):
+    path = tmp_path / "a.xyz"
+    path.write_text("0 0 0 -1 0 0\n1 2 3 nan nan nan\n4 5 6 0 1 0\n")
+    cloud, fields = read_cloud_and_fields(path)
+    assert len(cloud) == 3 and cloud.colors is None and not recwarn.list
+    np.testing.assert_array_equal(fields["nx"], [-1, np.nan, 0])
+    path.write_text("0 0 0 255 0 51\n1 2 3 nan nan nan\n")
+    with pytest.warns(CloudWarning, match="1 of 2 points are not valid"):
+        assert read_cloud(path).colors is not None
