@@ -90,6 +90,7 @@ class Task(ABC):
         """Figures of a run by file name (no extension), from this task's rows; none unless overridden.
 
         Args:
-            rows: one row a cell with columns scene, level, completer, samples, labels, trace.
+            rows: one row a cell, all of one incompleteness, with columns scene, draw, incompleteness, level,
+                missing (the share, NaN where it is not known), completer, samples, labels, trace.
         """
         return {}

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pcdbench.leaderboard.summary import level_text
+
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
@@ -17,6 +19,7 @@ MUTED = {"incomplete": "#9a9a9a", "ground_truth": "#1b1b1b", "resample": "#5f6b7
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f3c8d")
 TRUE_COLOR = "#1b1b1b"
 PANELS_A_ROW = 3
+CASE = ["scene", "level", "incompleteness", "draw"]
 
 
 def error_cdf(rows: pd.DataFrame, metric: str, label: str) -> Figure:
@@ -27,7 +30,7 @@ def error_cdf(rows: pd.DataFrame, metric: str, label: str) -> Figure:
             values = np.sort(values)
             share = np.arange(1, len(values) + 1) / len(values)
             axis.step(values, share, where="post", color=color, label=completer, linewidth=1.8)
-        axis.set(title=f"{level:.0%} missing", xlabel=label, xlim=(0, None), ylim=(0, 1.01))
+        axis.set(title=missing_text(level, at_level), xlabel=label, xlim=(0, None), ylim=(0, 1.01))
     axes[0].set_ylabel("share of the samples")
     _legend(figure, axes)
     return figure
@@ -43,15 +46,16 @@ def error_by_step(rows: pd.DataFrame) -> Figure:
             axis.plot(steps, errors.mean(axis=0), color=color, label=completer, linewidth=1.8)
             if len(errors) > 3:
                 axis.fill_between(steps, *np.quantile(errors, [0.25, 0.75], axis=0), color=color, alpha=0.12, lw=0)
-        axis.set(title=f"{level:.0%} missing", xlabel="step", xlim=(1, None), ylim=(0, None))
+        axis.set(title=missing_text(level, at_level), xlabel="step", xlim=(1, None), ylim=(0, None))
     axes[0].set_ylabel("tracking error (m)")
     _legend(figure, axes)
     return figure
 
 
 def locations_from_above(rows: pd.DataFrame) -> Figure:
-    """Estimated against true locations of the first scene at its highest level, one panel a completer."""
-    found = list(_by_completer(_one_case(rows)))
+    """Estimated against true locations of one case, one panel a completer."""
+    rows = _one_case(rows)
+    found = list(_by_completer(rows))
     figure, axes = _panels(len(found), share=True)
     for axis, (completer, its, color) in zip(axes, found, strict=True):
         trace = its.trace.iloc[0]
@@ -71,8 +75,9 @@ def locations_from_above(rows: pd.DataFrame) -> Figure:
 
 
 def paths_from_above(rows: pd.DataFrame) -> Figure:
-    """The true and the estimated path of the first scene at its highest level, one panel a completer."""
-    found = list(_by_completer(_one_case(rows)))
+    """The true and the estimated path of one case, one panel a completer."""
+    rows = _one_case(rows)
+    found = list(_by_completer(rows))
     figure, axes = _panels(len(found), share=True)
     for axis, (completer, its, color) in zip(axes, found, strict=True):
         trace = its.trace.iloc[0]
@@ -85,6 +90,11 @@ def paths_from_above(rows: pd.DataFrame) -> Figure:
     _legend(figure, axes)
     figure.suptitle(_case_title(rows))
     return figure
+
+
+def missing_text(level: float, rows: pd.DataFrame) -> str:
+    """What is missing at the level of these rows, for titles."""
+    return f"{level_text(level, rows['missing'].mean())} missing"
 
 
 def _panels(count: int, share: bool) -> tuple[Figure, list[Axes]]:
@@ -117,14 +127,16 @@ def _samples(rows: pd.DataFrame, metric: str) -> Iterator[tuple[str, NDArray[np.
 
 
 def _one_case(rows: pd.DataFrame) -> pd.DataFrame:
-    """One row a completer: the first scene, its highest level."""
-    its = rows[rows.scene == sorted(rows.scene)[0]]
-    return its[its.level == its.level.max()].drop_duplicates("completer")
+    """One row a completer, all of one case: the first scene's highest level, of the cases that most completers have."""
+    by_case = rows.groupby(CASE)
+    completers = by_case["completer"].nunique()
+    shared = completers[completers == completers.max()].index
+    return by_case.get_group(min(shared, key=lambda case: (case[0], -case[1], *case[2:]))).drop_duplicates("completer")
 
 
 def _case_title(rows: pd.DataFrame) -> str:
-    case: Any = _one_case(rows).iloc[0]
-    return f"{case.scene}, {case.level:.0%} missing, from above"
+    case: Any = rows.iloc[0]
+    return f"{case.scene}, {missing_text(case.level, rows)} ({case.incompleteness}), from above"
 
 
 def _from_above(axis: Axes, completer: str, errors_m: NDArray[np.float64]) -> None:

@@ -78,6 +78,8 @@ class Tagging(Task):
         """The failure rate by label, one figure a level, completers side by side."""
         from matplotlib.figure import Figure
 
+        from .pose_figures import missing_text
+
         flat = rows.assign(
             label=[labels["failure_rate"] for labels in rows["labels"]],
             failed=[samples["failure_rate"] for samples in rows["samples"]],
@@ -90,9 +92,9 @@ class Tagging(Task):
             axes = figure.subplots()
             rates.plot.barh(ax=axes, width=0.8)
             axes.set(xlim=(0, 1), xlabel="failure rate (share of objects)", ylabel="")
-            axes.set_title(f"tagging by label, {level:.0%} missing")
+            axes.set_title(f"tagging by label, {missing_text(level, rows[rows.level == level])}")
             axes.invert_yaxis()
-            figures[f"failure_rate_by_label_{level:.0%}".replace("%", "_percent")] = figure
+            figures[f"failure_rate_by_label_{100 * level:.12g}_percent"] = figure
         return figures
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,11 +71,22 @@ def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
 
 
 def figures_of(task: Plugin, rows: Sequence[Mapping[str, Any]]) -> Mapping[str, Figure]:
-    """What a task draws of its rows, by name; nothing where it measured nothing."""
+    """What a task draws of its rows, by name; nothing where it measured nothing.
+
+    Each incompleteness has figures of its own, `<name>_<incompleteness>` where there are several.
+    """
     import pandas as pd
 
     frame = pd.DataFrame([_drawn(row) for row in rows if row["status"] == "ok" and row["task"]["name"] == task.name])
-    return {} if frame.empty else task.build().figures(frame)
+    if frame.empty:
+        return {}
+    drawing = task.build()
+    found: dict[str, Figure] = {}
+    by_incompleteness = frame.groupby("incompleteness")
+    for incompleteness, its in by_incompleteness:
+        end = f"_{incompleteness}" if len(by_incompleteness) > 1 else ""
+        found |= {f"{name}{end}": figure for name, figure in drawing.figures(its.reset_index(drop=True)).items()}
+    return found
 
 
 def _drawn(row: Mapping[str, Any]) -> dict[str, Any]:
@@ -84,6 +96,7 @@ def _drawn(row: Mapping[str, Any]) -> dict[str, Any]:
         "draw": row["draw"],
         "incompleteness": row["incompleteness"]["name"],
         "level": row["level"],
+        "missing": math.nan if row.get("missing") is None else row["missing"],
         "completer": row["completer"]["name"],
         "samples": {name: metric["samples"] for name, metric in metrics},
         "labels": {name: metric["labels"] for name, metric in metrics if "labels" in metric},

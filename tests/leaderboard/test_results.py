@@ -89,6 +89,24 @@ def test_figures_are_drawn_from_the_rows_and_a_failing_task_is_a_warning(
     assert figures["draws_cdf"].get_suptitle() == "1 [1.5]"
 
 
+def test_each_incompleteness_has_figures_of_its_own(
+    run_of: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Draws:
+        def figures(self, rows: pd.DataFrame) -> dict[str, Figure]:
+            figure = Figure()
+            figure.suptitle(f"{len(rows)} {set(rows['incompleteness'])} {rows['missing'].mean():.2f}")
+            return {"cdf": figure}
+
+    monkeypatch.setattr(selection.Plugin, "build", lambda self: Draws())
+    rows = [result_row("a", [1.5], scene=scene) for scene in ("one", "two", "three")]
+    for row, incompleteness, missing in zip(rows, ("slab", "holes", "slab"), (0.2, None, 0.4), strict=True):
+        row["task"] |= {"version": "1", "options": {}}
+        row |= {"incompleteness": row["incompleteness"] | {"name": incompleteness}, "missing": missing}
+    found = {name: figure.get_suptitle() for name, figure in pcdbench.read_figures(run_of(*rows)).items()}
+    assert found == {"task_cdf_holes": "1 {'holes'} nan", "task_cdf_slab": "2 {'slab'} 0.30"}
+
+
 @pytest.mark.parametrize("read", [pcdbench.read_results, pcdbench.read_figures])
 def test_mistakes_are_one_line(read: Callable[[Path], object], run_of: Callable[..., Path], tmp_path: Path) -> None:
     with pytest.raises(PcdbenchError, match=r"is not a run: it has no run\.json"):

@@ -24,8 +24,8 @@ def rows(case, task):
     for level in (0.3, 0.5):
         for name, cloud in {"incomplete": case.cloud, "ground_truth": case.scene.complete, "other": case.cloud}.items():
             found = task.evaluate(case, cloud, np.random.default_rng(0))
-            frame.append({"scene": "s", "level": level, "completer": name, "samples": found.samples})
-            frame[-1] |= {"labels": found.labels, "trace": found.trace}
+            frame.append({"scene": "s", "draw": 0, "incompleteness": "holes", "level": level, "missing": level})
+            frame[-1] |= {"completer": name} | vars(found)
     return pd.DataFrame(frame)
 
 

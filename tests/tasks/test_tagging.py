@@ -137,7 +137,7 @@ def test_figures_show_the_failure_rate_by_label():
         case = without(scene, *places)
         for completer, cloud in (("incomplete", case.cloud), ("ground_truth", scene.complete)):
             found = evaluate(case, cloud)
-            rows.append({"scene": "row", "level": level, "completer": completer} | vars(found))
+            rows.append({"scene": "row", "level": level, "missing": level, "completer": completer} | vars(found))
     figures = Tagging().figures(pd.DataFrame(rows))
     assert list(figures) == ["failure_rate_by_label_10_percent", "failure_rate_by_label_30_percent"]
     axes = figures["failure_rate_by_label_30_percent"].axes[0]
@@ -148,3 +148,14 @@ def test_figures_show_the_failure_rate_by_label():
     }
     assert widths["incomplete"] == {"chair": 0.5, "table": 1.0, "shelf": 0.0}
     assert set(widths["ground_truth"].values()) == {0.0}
+
+
+def test_each_level_has_a_figure_of_its_own_and_real_pairs_say_how_much_was_missing():
+    its = {"scene": "row", "completer": "c", "labels": {"failure_rate": ["chair"]}, "samples": {"failure_rate": [1.0]}}
+    rows = [
+        its | {"level": level, "missing": missing} for level, missing in ((0.0, 0.62), (0.12, 0.12), (0.125, 0.125))
+    ]
+    figures = Tagging().figures(pd.DataFrame(rows))
+    assert list(figures) == [f"failure_rate_by_label_{percent}_percent" for percent in ("0", "12", "12.5")]
+    titles = [figure.axes[0].get_title() for figure in figures.values()]
+    assert titles[0] == "tagging by label, about 62% missing"

@@ -165,13 +165,41 @@ def test_figures(half_room):
     frame = []
     for name, cloud in {"incomplete": half_room.cloud, "ground_truth": half_room.scene.complete}.items():
         found = task.evaluate(half_room, cloud, np.random.default_rng(0))
-        frame.append({"scene": "s", "level": 0.5, "completer": name, "samples": found.samples})
-        frame[-1] |= {"labels": found.labels, "trace": found.trace}
+        frame.append({"scene": "s", "draw": 0, "incompleteness": "holes", "level": 0.5, "missing": 0.5})
+        frame[-1] |= {"completer": name} | vars(found)
     figures = task.figures(pd.DataFrame(frame))
     assert set(figures) == {"cdf", "error_by_step", "path"}
     lines = figures["error_by_step"].axes[0].lines
     by_name = {line.get_label(): line.get_ydata() for line in lines}
     assert by_name["incomplete"] == pytest.approx(frame[0]["samples"]["tracking_error_m"])
+
+
+def drawn(completer, draw, incompleteness, level, start_m, missing=0.3):
+    path = [[start_m, 0.0, 0.0], [start_m + 1.0, 0.0, 0.0]]
+    case = {"scene": "s", "draw": draw, "incompleteness": incompleteness, "level": level, "missing": missing}
+    return case | {
+        "completer": completer,
+        "samples": {"tracking_error_m": [0.1]},
+        "labels": {},
+        "trace": {"true": path, "estimated": path},
+    }
+
+
+def test_paths_are_of_one_case_that_all_completers_have():
+    cases = [(1, "holes", 0.3, 10.0), (0, "slab", 0.3, 20.0), (0, "holes", 0.1, 30.0), (0, "holes", 0.3, 40.0)]
+    rows = [drawn("incomplete", *case) for case in cases]
+    rows = [*rows, drawn("mine", *cases[2]), drawn("mine", *cases[1]), drawn("mine", 0, "holes", 0.5, 50.0)]
+    figure = Tracking().figures(pd.DataFrame(rows))["path"]
+    assert [[line.get_xdata()[0] for line in axis.lines] for axis in figure.axes] == [[20.0, 20.0]] * 2
+    assert figure.get_suptitle() == "s, 30% missing (slab), from above"
+
+
+def test_figures_of_real_pairs_say_how_much_was_missing():
+    rows = [drawn("incomplete", draw, "real_pair", 0.0, 0.0, missing) for draw, missing in ((0, 0.6), (1, 0.7))]
+    figures = Tracking().figures(pd.DataFrame(rows))
+    for name in ("cdf", "error_by_step"):
+        assert figures[name].axes[0].get_title() == "about 65% missing"
+    assert figures["path"].get_suptitle() == "s, about 60% missing (real_pair), from above"
 
 
 def test_thirty_steps_are_fast(half_room):
