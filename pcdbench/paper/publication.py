@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from pcdbench.errors import PcdbenchError, first_problem
 from pcdbench.paper.names import require_known_names
+from pcdbench.runner.plan import ALL
 from pcdbench.suite import Suite, read_toml
 
 FILE = "publication.toml"
@@ -229,6 +230,9 @@ def _require_sound(publication: Publication, path: Path) -> None:
             raise PcdbenchError(f"{path}: the run {name} says {min(given_elsewhere)}, which the command line does")
         if experiment.trained and len(experiment.completers) != 1:
             raise PcdbenchError(f"{path}: the run {name} has weights of its own and so needs one completer")
+        # Rows and figures name a run and a level, which must be one number.
+        if [entry.name != ALL for entry in experiment.incompletenesses] != [True]:
+            raise PcdbenchError(f"{path}: the run {name} needs one incompleteness; make it a run for each")
 
 
 def _columns(part: Part) -> Sequence[Column]:

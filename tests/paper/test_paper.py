@@ -166,6 +166,16 @@ def test_rows_of_another_run_count_where_the_code_is_the_same(paper) -> None:
         ('published = [12.5, ""]', "published = [12.5]", r"Table 1, 30: 1 published numbers for 2 columns"),
         ('metric = "seconds"', 'metric = "hours"', r"Table 1: seconds has no task"),
         ("references = true", 'split = "few"', r"the run main says split, which the command line does"),
+        (
+            'incompletenesses = ["slab"]\nlevels = [0.3, 0.5]',
+            'incompletenesses = ["slab", "holes"]\nlevels = [0.3, 0.5]',
+            r"the run main needs one incompleteness; make it a run for each",
+        ),
+        (
+            'incompletenesses = ["slab"]\nlevels = [0.3, 0.5]',
+            'incompletenesses = ["all"]\nlevels = [0.3, 0.5]',
+            r"the run main needs one incompleteness; make it a run for each",
+        ),
         ('kind = "bars"', 'kind = "pie"', r"figure"),
         ('title = "Gaps"', 'titel = "Gaps"', r"parts\.0\.title: field required"),
         ("[differs]", "[differs", r"is not TOML"),
