@@ -17,6 +17,8 @@ from pcdbench.paper.experiments import Outcome
 from pcdbench.paper.publication import Column
 
 _BYTES_A_PARAMETER = 4  # as published: float32
+# What batch normalisation and `Standardized` keep beside their parameters; a weights file tells them by name alone.
+_BUFFERS = {"running_mean", "running_var", "num_batches_tracked", "mean", "variance", "seen"}
 
 
 class Numbers:
@@ -96,8 +98,10 @@ class Numbers:
 
 
 def _parameters(weights: Path) -> int:
+    """How many parameters a weights file holds, running statistics left out."""
     from safetensors import safe_open
 
     with safe_open(weights, "np") as stream:
-        shapes: list[Any] = [stream.get_slice(name).get_shape() for name in stream.keys()]  # noqa: SIM118  no mapping
+        names = [name for name in stream.keys() if name.rpartition(".")[2] not in _BUFFERS]  # noqa: SIM118  no mapping
+        shapes: list[Any] = [stream.get_slice(name).get_shape() for name in names]
     return sum(math.prod(shape) for shape in shapes)

@@ -5,12 +5,15 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from safetensors.numpy import save_file
 from typer.testing import CliRunner
 
 from pcdbench.cli import app
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.summary import summarize
+from pcdbench.paper.numbers import _parameters
 from pcdbench.paper.publication import ShownCurve, read_publication
 from pcdbench.plugins import registry
 from pcdbench.runner.store import read_rows
@@ -270,3 +273,13 @@ def test_every_number_of_deeppcd_is_one_that_is_measured() -> None:
             references = {its.name for its in registry().all("completer") if its.reference}
             measured = named | (references if publication.runs[run].references else set())
             assert {row.completer for row in part.rows if row.run == run} <= measured, part.number
+
+
+def test_running_statistics_are_no_parameters(tmp_path: Path) -> None:
+    norm = {f"norm.{name}": np.ones(5, np.float32) for name in ("weight", "bias", "running_mean", "running_var")}
+    standardized = {f"features.{name}": np.ones(7, np.float32) for name in ("mean", "variance")}
+    counts = {name: np.array(9) for name in ("norm.num_batches_tracked", "features.seen")}
+    save_file(norm | standardized | counts | {"meaning.weight": np.ones((2, 3))}, tmp_path / "weights.safetensors")
+    assert _parameters(tmp_path / "weights.safetensors") == 5 + 5 + 6
+    (shipped,) = registry().get("completer", "deeppcd").load()().weights_files()
+    assert _parameters(shipped) == 7_735_055
