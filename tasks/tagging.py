@@ -58,6 +58,8 @@ class Tagging(Task):
         if complete.colors is None or completed.colors is None:
             raise Skipped("tagging compares colours, and the cloud has none")
         edge_m = edge_from_density(complete.points, self.options.voxel_spacings)
+        if not edge_m > 0:
+            raise Skipped("the complete cloud has no two distinct points, so no resolution to look at it")
         labels, similarities = [], []
         for tagged in case.scene.objects:
             truth = _region(complete, tagged.box, self.options.margin_m)

@@ -123,6 +123,10 @@ def test_what_cannot_be_measured_is_skipped():
     untagged = Scene("row", scene.complete, scene.dense, scene.complete_index)
     with pytest.raises(Skipped, match="no tagged objects"):
         evaluate(Case(untagged, "holes", 0.3, 0, case.kept), scene.complete)
+    heap = PointCloud(np.ones((50, 3)), np.full((50, 3), 0.5))
+    at_one_place = Scene("heap", heap, heap, np.arange(50), (TaggedObject("chair", Box(np.ones(3), np.ones(3))),))
+    with pytest.raises(Skipped, match="no two distinct points"):
+        evaluate(Case(at_one_place, "holes", 0.5, 0, np.arange(50) < 25), heap)
 
 
 def test_an_empty_completed_cloud_finds_nothing():
