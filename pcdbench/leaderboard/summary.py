@@ -95,7 +95,7 @@ def level_text(level: float, missing: float = math.nan) -> str:
         missing: that share, where it is known.
     """
     if level != MEASURED:
-        return f"{level:.0%}"
+        return f"{100 * level:.3g}%"
     return "as measured" if math.isnan(missing) else f"about {missing:.0%}"
 
 
