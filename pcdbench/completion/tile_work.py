@@ -17,6 +17,7 @@ from pcdbench.completion.gaps import open_gaps
 from pcdbench.completion.surface import RADIUS_OF_SPACING, local_planes, spacing_at, spacing_inside
 from pcdbench.completion.tiles import FINEST_SPACING_M, WORKING_POINTS
 from pcdbench.errors import PluginError
+from pcdbench.geometry.duplicates import repeats
 from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.keys import seed_from
 from pcdbench.threads import thread_count
@@ -86,11 +87,14 @@ class TileResult:
 
 
 def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
-    """Complete a tile; None where it holds too few points to know a surface.
+    """Complete a tile; None where it holds too few points to know a surface. Repeated points count once.
 
     Whatever the completer raises passes through.
     """
     window = task.window
+    again = repeats(window.points)
+    if again.any():
+        window = window.select(~again)
     if len(window) < FEWEST_POINTS:
         return None
     rng = np.random.default_rng(seed_from("complete", *task.seed))

@@ -17,6 +17,7 @@ from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.files import keep
 from pcdbench.formats import CloudWarning
+from pcdbench.geometry.duplicates import repeats
 from pcdbench.geometry.extent import lies_on_a_line, odd_scale
 from pcdbench.keys import digest, file_digest
 from pcdbench.paths import cache_dir
@@ -26,7 +27,6 @@ from pcdbench.scene import Scene, TaggedObject
 FEWEST_POINTS = 10
 # More than this is thinned at random before the Poisson-disk sample, whose cost grows with its source.
 _MOST_TO_SAMPLE = 2_000_000
-_HASH_FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], dtype=np.uint64)
 
 
 def scene_of_scan(
@@ -101,20 +101,8 @@ def scene_names(texts: Sequence[str], longer: Sequence[str] | None = None, *, un
 
 def without_duplicates(cloud: PointCloud) -> PointCloud:
     """The cloud without the points that repeat an earlier one's coordinates."""
-    # Equal points have equal hashes: only the few that share one are compared, which is fast for millions.
-    bits = (cloud.points + 0.0).view(np.uint64)
-    bits ^= bits >> np.uint64(32)
-    hashes = bits @ _HASH_FACTORS
-    order = np.argsort(hashes, kind="stable")
-    same = np.diff(hashes[order]) == 0
-    suspects = np.sort(order[np.append(same, False) | np.insert(same, 0, False)])
-    if not len(suspects):
-        return cloud
-    _, first = np.unique(cloud.points[suspects], axis=0, return_index=True)
-    kept = np.ones(len(cloud), dtype=bool)
-    kept[suspects] = False
-    kept[suspects[first]] = True
-    return cloud.select(kept)
+    again = repeats(cloud.points)
+    return cloud.select(~again) if again.any() else cloud
 
 
 def content_digest(path: Path) -> str:

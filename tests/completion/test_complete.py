@@ -14,6 +14,7 @@ from pcdbench.completion import CompletionWarning
 from pcdbench.completion.tiles import Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError
+from pcdbench.formats import read_cloud_and_fields
 from pcdbench.geometry.frames import UPS, Frame
 
 HOLE, RADIUS_M = (3.0, 2.6, 0.0), 1.0
@@ -52,6 +53,18 @@ def test_added_points_are_as_dense_as_the_observed_around(spacing_m, even):
     assert np.median(done.spacing_m) == pytest.approx(spacing_m, rel=0.15)
     outside = ~in_hole(added, 1.0, (2.2, 2, 0))
     assert outside.sum() < 0.01 * len(scan), "what the completer made anew where points were is not added"
+
+
+def test_points_that_are_there_many_times_count_once(tmp_path):
+    once = without(hall(0.15, (4.0, 3.6)), (2.2, 2, 0), 0.7)
+    many = once.select(np.repeat(np.arange(len(once)), 13))
+    done, same = (pcdbench.complete(scan, Floor()) for scan in (many, once))
+    np.testing.assert_array_equal(done.cloud.points[: len(many)], many.points)
+    assert len(same.added_cloud) > 30
+    np.testing.assert_array_equal(done.added_cloud.points, same.added_cloud.points)
+    done.write(tmp_path / "done.ply", fields={"number": np.arange(len(many))})
+    numbers = read_cloud_and_fields(tmp_path / "done.ply")[1]["number"]
+    np.testing.assert_array_equal(numbers[: len(many)], range(len(many)))
 
 
 def test_density_follows_the_scan_from_dense_to_sparse():
