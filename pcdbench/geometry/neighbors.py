@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pcdbench.geometry.duplicates import repeats
 from pcdbench.threads import thread_count
 
 
@@ -36,5 +37,10 @@ def median_spacing(points: NDArray[np.float64], at_most: int = 5000) -> float:
     step = max(1, len(points) // at_most)
     distances, _ = loose_tree(centered).query(centered[::step], k=min(4, len(points)), workers=thread_count())
     distances = np.where(distances > 0, distances, np.inf)[:, 1:].min(axis=1)
-    distances = distances[np.isfinite(distances)]
-    return float(np.median(distances)) if len(distances) else 0.0
+    apart = distances[np.isfinite(distances)]
+    if 2 * len(apart) < len(distances):
+        # Most see copies of themselves alone.
+        distinct = points[~repeats(points)]
+        if len(distinct) < len(points):
+            return median_spacing(distinct, at_most)
+    return float(np.median(apart)) if len(apart) else 0.0

@@ -68,6 +68,10 @@ def test_the_edge_follows_the_density():
 def test_a_point_that_is_there_twice_is_no_neighbour_of_its_own():
     row = np.arange(5.0)[:, None] * [2.0, 0, 0]
     assert median_spacing(np.concatenate([row, row, row[:3]])) == 2.0
+    assert median_spacing(np.repeat(row, 4, axis=0)) == median_spacing(np.repeat(row, 13, axis=0)) == 2.0
+    # Most points are there many times; the few that are not lie closer together.
+    few = row[:3] / 10 - 7
+    assert median_spacing(np.concatenate([np.repeat(row, 9, axis=0), few])) == 2.0
 
 
 def test_the_edge_of_a_cloud_of_tight_pairs_is_bounded():
