@@ -34,7 +34,8 @@ class Completed:
         surface_m2: area of what was observed, about.
         frame: which axis is up.
         tiles: how many tiles were completed, failed ones too.
-        failures: one line for each tile that the completer failed on; nothing was added there.
+        failures: one line for each tile that the completer failed on; nothing was added there. Area and gaps count
+            these tiles, but for those whose line says otherwise.
     """
 
     cloud: PointCloud

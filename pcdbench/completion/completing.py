@@ -15,7 +15,7 @@ from pcdbench.completer import Completer
 from pcdbench.completion.completed import Completed
 from pcdbench.completion.confidence import factors
 from pcdbench.completion.surface import RADIUS_OF_SPACING
-from pcdbench.completion.tile_work import AGREES_WITHIN, FEWEST_POINTS, TileResult, TileTask
+from pcdbench.completion.tile_work import AGREES_WITHIN, FEWEST_POINTS, TileResult, TileTask, observed_alone
 from pcdbench.completion.tiles import Index, Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError, PcdbenchError
@@ -83,21 +83,33 @@ def complete(
     _warn_of_shape(cloud.points, frame, up)
     tiling = Tiling.of(cloud.points, frame, tile_m)
     results: dict[Index, TileResult] = {}
-    failures: list[str] = []
+    failures: dict[Index, str] = {}
     done = 0
     for tile, outcome in tile_outcomes(_tasks(cloud, tiling, seed, runs), chosen, jobs):
         if isinstance(outcome, Exception):
             reason = " ".join(str(outcome).split())[:200]
-            failures.append(f"{tiling.name(tile)}: {type(outcome).__name__}: {reason}")
-            warnings.warn(f"nothing was added in {failures[-1]}", CompletionWarning, stacklevel=2)
+            failures[tile] = f"{tiling.name(tile)}: {type(outcome).__name__}: {reason}"
+            warnings.warn(f"nothing was added in {failures[tile]}", CompletionWarning, stacklevel=2)
         elif outcome is not None:
             results[tile] = outcome
         done += tiling.count(tile)
         if progress is not None:
             progress(done, len(cloud))
     if failures and not results:
-        raise PcdbenchError(f"the completer failed on all {len(failures)} tiles; the first: {failures[0]}")
-    return _assembled(cloud, tiling, dict(sorted(results.items())), tuple(failures))
+        first = next(iter(failures.values()))
+        raise PcdbenchError(f"the completer failed on all {len(failures)} tiles; the first: {first}")
+    failures = dict(sorted(failures.items()))
+    left = {}
+    for tile in failures:
+        try:
+            outcome = observed_alone(_task(cloud, tiling, tile, seed, runs))
+        except Exception:
+            # Not the completer's doing, then: memory, say.
+            failures[tile] += " (its area and its gaps are left out)"
+        else:
+            if outcome is not None:
+                left[tile] = outcome
+    return _assembled(cloud, tiling, dict(sorted(results.items())), left, tuple(failures.values()))
 
 
 def _chosen(completer: str | Completer, options: Mapping[str, object], cloud: PointCloud) -> Plugin | Completer:
@@ -147,16 +159,32 @@ def _few_far_away(points: NDArray[np.float64]) -> str | None:
 
 def _tasks(cloud: PointCloud, tiling: Tiling, seed: int, runs: int) -> Iterator[tuple[Index, TileTask]]:
     for tile in tiling.tiles:
-        rows = tiling.window(tile)
-        points = tiling.frame.upright(cloud.points[rows]) - tiling.center(tile)
-        colors = None if cloud.colors is None else cloud.colors[rows]
-        yield tile, TileTask(PointCloud(points, colors), tiling.edges_m / 2, (seed, *tile), runs)
+        yield tile, _task(cloud, tiling, tile, seed, runs)
+
+
+def _task(cloud: PointCloud, tiling: Tiling, tile: Index, seed: int, runs: int) -> TileTask:
+    rows = tiling.window(tile)
+    points = tiling.frame.upright(cloud.points[rows]) - tiling.center(tile)
+    colors = None if cloud.colors is None else cloud.colors[rows]
+    return TileTask(PointCloud(points, colors), tiling.edges_m / 2, (seed, *tile), runs)
 
 
 def _assembled(
-    cloud: PointCloud, tiling: Tiling, results: dict[Index, TileResult], failures: tuple[str, ...]
+    cloud: PointCloud,
+    tiling: Tiling,
+    results: dict[Index, TileResult],
+    left: dict[Index, TileResult],
+    failures: tuple[str, ...],
 ) -> Completed:
-    """The observed points, and what each tile added within its own bounds."""
+    """The observed points, and what each tile added within its own bounds.
+
+    Args:
+        cloud: the observed points.
+        tiling: of them.
+        results: of the tiles that the completer completed.
+        left: of tiles that it failed on: their areas and gaps count, and they have no say in anything else.
+        failures: a line for each tile that it failed on.
+    """
     placed = {tile: result.proposals + tiling.center(tile) for tile, result in results.items()}
     trees = {tile: cKDTree(places) for tile, places in placed.items() if len(places)}
     parts: dict[Index, NDArray[np.float64]] = {}
@@ -183,7 +211,7 @@ def _assembled(
         all_colors = np.concatenate([cloud.colors, *colors])
         all_colors.flags.writeable = False
     gaps, gaps_m2 = [np.empty((0, 3))], [np.empty(0)]
-    for tile, result in results.items():
+    for tile, result in (results | left).items():
         places = result.gaps + tiling.center(tile)
         own = tiling.owned(tile, places)
         gaps.append(tiling.frame.back(places[own]))
@@ -196,7 +224,7 @@ def _assembled(
         weakest=np.concatenate([np.empty(0, np.uint8), *weakest]),
         gaps=np.concatenate(gaps),
         gaps_m2=np.concatenate(gaps_m2),
-        surface_m2=sum(result.surface_m2 for result in results.values()),
+        surface_m2=sum(result.surface_m2 for result in (results | left).values()),
         frame=tiling.frame,
         tiles=len(results) + len(failures),
         failures=failures,

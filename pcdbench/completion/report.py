@@ -131,7 +131,7 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
         )
     if len(regions) > MOST_LISTED:
         lines += ["", f"{len(regions) - MOST_LISTED} smaller ones are in report.json."]
-    if not regions:
+    if not regions and not completed.failures:
         lines.append("No region needs to be scanned again.")
     if completed.failures:
         lines += ["", "The completer failed, and nothing was added, in:", ""]

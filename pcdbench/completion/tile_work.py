@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -148,6 +148,16 @@ def tile_result(task: TileTask, completer: Completer) -> TileResult | None:
         gaps_m2=gaps_m2,
         surface_m2=float((spacing_inside(working.points, tree, tree)[own] ** 2).sum()),
     )
+
+
+def observed_alone(task: TileTask) -> TileResult | None:
+    """The result of a completer that adds nothing: a tile's area, and its gaps, all open."""
+    return tile_result(replace(task, runs=1), _Idle())
+
+
+class _Idle(Completer):
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        return cloud
 
 
 def _working_rows(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:

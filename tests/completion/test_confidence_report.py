@@ -12,7 +12,7 @@ from scipy.stats import spearmanr
 
 import pcdbench
 from pcdbench import Completer, PointCloud
-from pcdbench.completion import CompletionWarning
+from pcdbench.completion import CompletionWarning, completing
 from pcdbench.completion.confidence import factors
 from pcdbench.completion.evidence import evidence
 from pcdbench.completion.gaps import _union, open_gaps
@@ -302,3 +302,47 @@ def test_open_gaps_and_surface_count_once_whatever_the_tiles():
     assert (one.tiles, two.tiles) == (1, 2)
     assert two.gaps_m2.sum() == pytest.approx(one.gaps_m2.sum(), rel=0.05)
     assert two.surface_m2 == pytest.approx(one.surface_m2, rel=0.02) and one.surface_m2 == pytest.approx(31, rel=0.05)
+
+
+class FailsAt(Idle):
+    """Adds nothing, and raises at one of its calls."""
+
+    def __init__(self, call):
+        super().__init__()
+        self.left = call
+
+    def complete(self, cloud, rng):
+        self.left -= 1
+        if not self.left:
+            raise RuntimeError("boom")
+        return cloud
+
+
+def floor_of_two_tiles():
+    """9 m long along x; a hole of 0.6 m radius in the tile x 4.5 to 9."""
+    drawn = np.random.default_rng(0).random((6000, 3)) * [9, 4, 0]
+    return PointCloud(drawn[np.linalg.norm(drawn - [7, 2, 0], axis=1) > 0.6])
+
+
+def test_the_report_counts_what_lies_in_a_tile_that_failed():
+    scan = floor_of_two_tiles()
+    whole = pcdbench.complete(scan, Idle(), tile_m=4.5)
+    with pytest.warns(CompletionWarning, match="boom"):
+        done = pcdbench.complete(scan, FailsAt(2), tile_m=4.5)
+    assert len(done.failures) == 1 and done.tiles == whole.tiles == 2
+    assert done.surface_m2 == pytest.approx(whole.surface_m2, rel=0.02)
+    assert done.gaps_m2.sum() == pytest.approx(whole.gaps_m2.sum(), rel=0.05) and done.gaps_m2.sum() > 0.8
+    (region,) = regions_to_scan(done)
+    np.testing.assert_allclose(region.center_m, [7, 2, 0], atol=0.2)
+
+
+def test_a_failed_tile_whose_area_is_not_known_is_said_to_be_left_out(tmp_path, monkeypatch):
+    def fails(task):
+        raise MemoryError
+
+    monkeypatch.setattr(completing, "observed_alone", fails)
+    with pytest.warns(CompletionWarning, match="boom"):
+        done = pcdbench.complete(floor_of_two_tiles(), FailsAt(2), tile_m=4.5)
+    assert write_report(done, tmp_path, "a", "b") == []
+    page = (tmp_path / "report.md").read_text()
+    assert "No region needs" not in page and "boom (its area and its gaps are left out)\n" in page
