@@ -144,10 +144,12 @@ class Tiling:
         return [other for other in around if other != tile and other in self._span_of_tile]
 
     def name(self, tile: Index) -> str:
-        """Where a tile is, for messages, in the upright cloud's coordinates."""
-        low = self.center(tile) - self.edges_m / 2
-        sides = [f"{name} {a:.1f} to {a + b:.1f} m" for name, a, b in zip("xyz", low, self.edges_m, strict=True)]
-        return f"tile {', '.join(sides[: 3 if tile[2] else 2])}"
+        """Where a tile is, for messages, in the cloud's own coordinates."""
+        corners = self.center(tile) + np.array([[-0.5], [0.5]]) * self.edges_m
+        # Signs may exchange the corners, and make zeros negative.
+        low, high = np.sort(np.round(self.frame.back(corners), 1), axis=0) + 0.0
+        axes = sorted(self.frame.axes[: 3 if tile[2] else 2])
+        return "tile " + ", ".join(f"{'xyz'[axis]} {low[axis]:.1f} to {high[axis]:.1f} m" for axis in axes)
 
 
 def typical_spacing(points: NDArray[np.float64]) -> float:

@@ -1,5 +1,6 @@
 """`pcdbench.complete`: observed points are kept, added ones are where nothing was observed, as dense as around."""
 
+import re
 import subprocess
 import sys
 
@@ -294,6 +295,21 @@ def test_windows_hold_the_tile_and_its_halo_and_owners_are_unique():
         owners += own
     assert (owners == 1).all()
     assert len({tile[2] for tile in tiling.tiles}) == 3, "14 m are cut by storeys"
+
+
+@pytest.mark.parametrize("up", UPS)
+def test_a_tile_is_named_by_the_scans_own_axes(up):
+    rng = np.random.default_rng(0)
+    points = rng.random((8000, 3)) * [9, 13, 10] + [5.0, -7.0, 100.0]
+    tiling = Tiling.of(points, Frame.with_up(up), 6.0)
+    for tile in tiling.tiles:
+        own = points[tiling.owned(tile, tiling.frame.upright(points))]
+        sides = dict(re.findall(r"([xyz]) (.*?) m", tiling.name(tile)))
+        assert set(sides) == set("xyz") - ({up[-1]} if tile[2] == 0 else set())
+        for axis, side in sides.items():
+            low, high = map(float, side.split(" to "))
+            its = own[:, "xyz".index(axis)]
+            assert low - 0.06 <= its.min() and its.max() <= high + 0.06 and 4 < high - low < 7
 
 
 def test_places_outside_of_all_tiles_have_one_owner_at_most():
