@@ -16,11 +16,11 @@ from pcdbench.completion.completed import Completed
 from pcdbench.completion.confidence import factors
 from pcdbench.completion.surface import RADIUS_OF_SPACING
 from pcdbench.completion.tile_work import AGREES_WITHIN, FEWEST_POINTS, TileResult, TileTask, observed_alone
-from pcdbench.completion.tiles import Index, Tiling
+from pcdbench.completion.tiles import SMALLEST_TILE_M, Index, Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.formats.columns import needs_double
-from pcdbench.geometry.extent import lies_on_a_line, odd_scale, strays
+from pcdbench.geometry.extent import no_surface, odd_scale, strays, where_strays_lie
 from pcdbench.geometry.frames import Frame
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 # A window's outermost part is not asked for its opinion: a completer there knows one side only.
 OPINION_MARGIN_M = 0.3
 SEAM_RADII = 0.7
+# Tiles are numbered, empty ones too.
+MOST_TILES_LOG2 = 63.0
 
 Progress = Callable[[int, int], None]
 
@@ -70,15 +72,16 @@ def complete(
     Raises:
         PcdbenchError: for an unknown completer, a wrong option or argument, or where the completer failed on
             every tile.
-        CloudError: for a cloud of too few points, or all on one line.
+        CloudError: for a cloud of too few points, all on one line, or with a stray point so far away that they seem so.
     """
     chosen = _chosen(completer, options or {}, cloud)
     if runs < 1 or jobs < 1:
         raise PcdbenchError("runs and jobs must be at least 1")
     if len(cloud) < FEWEST_POINTS:
         raise CloudError(f"the cloud has {len(cloud)} points; at least {FEWEST_POINTS} are needed to complete it")
-    if lies_on_a_line(cloud.points):
-        raise CloudError(f"its {len(cloud):,} points lie on one line; there is no surface to complete")
+    wrong = no_surface(cloud.points) or _too_far_away(cloud.points)
+    if wrong is not None:
+        raise CloudError(wrong)
     frame = Frame.with_up(up)
     _warn_of_shape(cloud.points, frame, up)
     tiling = Tiling.of(cloud.points, frame, tile_m)
@@ -151,10 +154,15 @@ def _few_far_away(points: NDArray[np.float64]) -> str | None:
     far = strays(points)
     if not len(far) or odd_scale(float(np.ptp(np.delete(points, far, axis=0), axis=0).max())) is not None:
         return None
-    where = ", ".join(f"{value:,.1f}" for value in points[far[0]])
-    if len(far) == 1:
-        return f"1 point lies far from all others, at ({where}); delete it from the scan"
-    return f"{len(far):,} points lie far from all others, the first at ({where}); delete them from the scan"
+    return where_strays_lie(points, far)
+
+
+def _too_far_away(points: NDArray[np.float64]) -> str | None:
+    """What to say of stray points so far away that the tiles between could not be numbered."""
+    if float(np.log2(np.ptp(points, axis=0) / SMALLEST_TILE_M + 1.0).sum()) < MOST_TILES_LOG2:
+        return None
+    far = strays(points)
+    return where_strays_lie(points, far) if len(far) else None
 
 
 def _tasks(cloud: PointCloud, tiling: Tiling, seed: int, runs: int) -> Iterator[tuple[Index, TileTask]]:

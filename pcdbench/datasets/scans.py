@@ -18,7 +18,7 @@ from pcdbench.errors import CloudError
 from pcdbench.files import keep
 from pcdbench.formats import CloudWarning
 from pcdbench.geometry.duplicates import repeats
-from pcdbench.geometry.extent import lies_on_a_line, odd_scale
+from pcdbench.geometry.extent import no_surface, odd_scale
 from pcdbench.keys import digest, file_digest
 from pcdbench.paths import cache_dir
 from pcdbench.scene import Scene, TaggedObject
@@ -153,8 +153,9 @@ def _require_surface(cloud: PointCloud, path: Path) -> None:
         raise CloudError(
             f"{path} has {len(cloud)} distinct points; at least {FEWEST_POINTS} are needed to take some away"
         )
-    if lies_on_a_line(cloud.points):
-        raise CloudError(f"{path}: its {len(cloud):,} points lie on one line; there is no surface to complete")
+    wrong = no_surface(cloud.points)
+    if wrong is not None:
+        raise CloudError(f"{path}: {wrong}")
 
 
 def _warn_of_scale(cloud: PointCloud, path: Path) -> None:

@@ -9,14 +9,32 @@ SMALLEST_M, LARGEST_M = 0.5, 500.0
 # A cloud this much thinner than long, or this thin (standard deviations), is a line: it has no surface to complete.
 # Files round to 0.1 or 1 mm, so that lines are seldom exact.
 _THINNEST, _THINNEST_M = 1e-5, 5e-4
+# Squares of more would be too large for a float.
+_LARGEST_SQUARED = 1e100
 _FEW = 0.01
 _FAR_SPREADS = 10.0
+_LONGEST_WRITTEN = 1e9
 
 
 def lies_on_a_line(points: NDArray[np.float64]) -> bool:
     """Whether (N, 3) points, N at least 2, lie on one line, to half a millimetre or a 100,000th of its length."""
-    _, middle, largest = np.linalg.eigvalsh(np.cov(points - points[0], rowvar=False))
-    return bool(middle <= max(_THINNEST**2 * largest, _THINNEST_M**2))
+    offsets = points - points[0]
+    unit_m = max(1.0, float(offsets.max()) / _LARGEST_SQUARED, -float(offsets.min()) / _LARGEST_SQUARED)
+    _, middle, largest = np.linalg.eigvalsh(np.cov(offsets / unit_m, rowvar=False))
+    return bool(middle <= max(_THINNEST**2 * largest, (_THINNEST_M / unit_m) ** 2))
+
+
+def no_surface(points: NDArray[np.float64]) -> str | None:
+    """What to say of (N, 3) points, N at least 2, that lie on one line, or seem to beside a few strays; None of others.
+
+    A point so far away that all others are one place beside it is what is wrong with such a cloud.
+    """
+    if not lies_on_a_line(points):
+        return None
+    far = strays(points)
+    if len(far) and not lies_on_a_line(np.delete(points, far, axis=0)):
+        return where_strays_lie(points, far)
+    return f"its {len(points):,} points lie on one line; there is no surface to complete"
 
 
 def odd_scale(longest_m: float) -> str | None:
@@ -38,3 +56,11 @@ def strays(points: NDArray[np.float64]) -> NDArray[np.int64]:
     reach = _FAR_SPREADS * max(float((high - low).max()), SMALLEST_M)
     far = np.flatnonzero(((points < low - reach) | (points > high + reach)).any(axis=1))
     return far if len(far) <= _FEW * len(points) else far[:0]
+
+
+def where_strays_lie(points: NDArray[np.float64], far: NDArray[np.int64]) -> str:
+    """What to say of the strays, at least one row, among (N, 3) points."""
+    where = ", ".join(f"{value:,.1f}" if abs(value) < _LONGEST_WRITTEN else f"{value:g}" for value in points[far[0]])
+    if len(far) == 1:
+        return f"1 point lies far from all others, at ({where}); delete it from the scan"
+    return f"{len(far):,} points lie far from all others, the first at ({where}); delete them from the scan"

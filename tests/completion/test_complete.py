@@ -268,6 +268,20 @@ def test_odd_units_and_axes_are_warned_of():
         pcdbench.complete(PointCloud(hall(0.3, (9.0, 14.0), color=False).points[:, [2, 0, 1]]), Nothing())
 
 
+@pytest.mark.parametrize(
+    ("far", "message"),
+    [
+        ([[1e8, 1e8, 1e8]], r"^1 point lies far from all others, at \(100,000,000\.0, .*\); delete it from the scan$"),
+        ([[1e300, 0, 0]], r"^1 point lies far from all others, at \(1e\+300, 0\.0, 0\.0\)"),
+        ([[1e9, 0, 0], [0, 1e9, 1e9]], r"^2 points lie far from all others, the first at \(1e\+09, 0\.0, 0\.0\)"),
+    ],
+)
+def test_points_too_far_away_for_tiles_are_named(far, message):
+    scan = hall(0.2, (4, 4), color=False).points
+    with pytest.raises(CloudError, match=message):
+        pcdbench.complete(PointCloud(np.concatenate([scan, far])), Nothing())
+
+
 def test_a_small_scan_is_one_tile_and_a_large_one_is_not():
     rng = np.random.default_rng(0)
 
