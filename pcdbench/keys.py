@@ -17,8 +17,11 @@ def canonical_json(value: Any) -> str:
 
 
 def digest(value: Any) -> str:
-    """SHA-256 (hex) of a JSON-like value; equal values have equal digests on every machine."""
-    return hashlib.sha256(canonical_json(value).encode()).hexdigest()
+    """SHA-256 (hex) of a JSON-like value; equal values have equal digests on every machine.
+
+    Paths that are not UTF-8 have digests too, though their texts hold lone surrogates.
+    """
+    return hashlib.sha256(canonical_json(value).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def seed_from(*parts: Any) -> int:

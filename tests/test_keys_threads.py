@@ -42,6 +42,10 @@ def test_keys_do_not_depend_on_the_order_of_a_mapping_but_on_that_of_a_list() ->
     assert digest({"level": 1}) != digest({"level": "1"})
 
 
+def test_paths_that_are_not_utf8_have_keys_of_their_own() -> None:
+    assert len({digest(os.fsdecode(name)) for name in (b"B\xfcro", b"B\xf6ro", b"B?ro", "Büro".encode())}) == 4
+
+
 def test_nan_has_no_key() -> None:
     with pytest.raises(ValueError):
         digest({"x": float("nan")})
