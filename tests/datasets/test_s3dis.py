@@ -224,6 +224,19 @@ def test_rooms_are_read_once(tree, monkeypatch):
     assert [tagged.label for tagged in again.objects] == ["chair", "table"]
 
 
+def test_map_coordinates_keep_their_millimetres(tmp_path):
+    offset = np.array([455_000, 5_411_000, 250, 0, 0, 0])
+    write_room(tmp_path / "Area_1", "office_1", {name: rows + offset for name, rows in OFFICE.items()})
+    points = opened(tmp_path).scene("area1-office_1").dense.points
+    expected = np.concatenate(list(OFFICE.values())) + offset
+    np.testing.assert_allclose(points, expected[:, :3], rtol=0, atol=5e-5)
+
+
+def test_rooms_near_the_origin_are_kept_as_they_are(tree):
+    points = opened(tree).scene("area1-office_1").dense.points
+    np.testing.assert_array_equal(points, np.concatenate(list(OFFICE.values()))[:, :3].astype(np.float32))
+
+
 def test_without_a_cache_a_room_is_the_same(tree, tmp_path, monkeypatch):
     kept = opened(tree).scene("area1-office_1")
     (tmp_path / "file").write_text("")

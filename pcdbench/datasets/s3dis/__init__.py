@@ -24,7 +24,10 @@ from pcdbench.plugins import did_you_mean
 from pcdbench.scene import Box, Scene, TaggedObject
 
 # Raise it whenever reading gives something else, so that rooms cached before are read again.
-_READER = 1
+_READER = 2
+# Points are kept relative to the multiple of this nearest to their mean: at map coordinates single precision would
+# crush them, and near the origin, where the release's rooms are, they are kept as they are.
+_CENTER_STEP_M = 256.0
 _AREA = re.compile(r"Area_(\w+)", re.IGNORECASE)
 
 
@@ -151,10 +154,12 @@ def _subfolders(folder: Path) -> list[Path]:
 
 
 def _arrays_of(room: Room) -> dict[str, np.ndarray]:
-    """A room for an NPZ file: points in single precision (10 micrometres at 100 m), colours in 8 bits."""
+    """A room for an NPZ file: points about a near centre in single precision, colours in 8 bits."""
+    center = np.round(room.cloud.points.mean(axis=0) / _CENTER_STEP_M) * _CENTER_STEP_M
     boxes = [[*tagged.box.center, *tagged.box.size] for tagged in room.objects]
     arrays = {
-        "points": room.cloud.points.astype(np.float32),
+        "center": center,
+        "points": (room.cloud.points - center).astype(np.float32),
         "labels": np.array([tagged.label for tagged in room.objects], dtype=np.str_),
         "boxes": np.array(boxes, np.float64).reshape(-1, 6),
         "findings": np.array(json.dumps([[its.where, its.problem, its.done] for its in room.findings])),
@@ -171,4 +176,4 @@ def _room_of(arrays: Mapping[str, np.ndarray]) -> Room:
         for label, row in zip(arrays["labels"], arrays["boxes"], strict=True)
     )
     findings = tuple(Finding(*its) for its in json.loads(str(arrays["findings"])))
-    return Room(PointCloud(arrays["points"].astype(np.float64), colors), objects, findings)
+    return Room(PointCloud(arrays["points"].astype(np.float64) + arrays["center"], colors), objects, findings)
