@@ -13,7 +13,7 @@ from pcdbench.cloud import PointCloud
 from pcdbench.datasets.rgbd import Rgbd
 from pcdbench.datasets.rgbd.fusion import Settings, fused
 from pcdbench.datasets.rgbd.gravity import levelled, up_direction
-from pcdbench.datasets.rgbd.layouts import layout_of, read_sequence
+from pcdbench.datasets.rgbd.layouts import _in_order, layout_of, read_sequence
 from pcdbench.datasets.rgbd.sequence import Camera
 from pcdbench.errors import CacheWarning, CloudError, PcdbenchError
 from pcdbench.formats import CloudWarning
@@ -393,6 +393,28 @@ def test_tum_images_without_a_pose_of_their_time_are_counted(tmp_path, camcorder
     assert (len(sequence.frames), sequence.unusable) == (8, {"no pose of its time": 2})
 
 
+def test_poses_without_times_need_images_named_by_number(tmp_path):
+    for name in ("10", "9", "nan"):
+        write_image(tmp_path / f"depth/{name}.png", np.zeros((2, 2), np.uint16))
+        (tmp_path / "calib").mkdir(exist_ok=True)
+        text = "image_width: 0\nimage_height: 0\ncamera_matrix:\n  data: [ 2, 0, 1, 0, 2, 1, 0, 0, 1 ]\n"
+        (tmp_path / f"calib/{name}.yaml").write_text(text)
+    (tmp_path / "poses.txt").write_text("".join(f"1 0 0 {number} 0 1 0 0 0 0 1 0\n" for number in range(3)))
+    with pytest.raises(CloudError, match=r"poses\.txt has poses without times, and not all images are named by number"):
+        read_sequence(tmp_path)
+    (tmp_path / "depth/nan.png").rename(tmp_path / "depth/11.png")
+    (tmp_path / "calib/nan.yaml").rename(tmp_path / "calib/11.yaml")
+    frames = read_sequence(tmp_path).frames
+    assert [(its.name, its.T_world_depth[0, 3]) for its in frames] == [("9", 0), ("10", 1), ("11", 2)]
+    assert frames[0].camera.scaled_to(4, 4) == Camera(2, 2, 1, 1), "a size of 0 is of no image"
+
+
+def test_files_that_no_number_tells_apart_are_sorted_by_name():
+    names = ["b.txt", "10.txt", "a.txt", "nan.txt", "9.txt"]
+    expected = ["9.txt", "10.txt", "a.txt", "b.txt", "nan.txt"]
+    assert [its.name for its in sorted(map(Path, names), key=_in_order)] == expected
+
+
 def test_runs_of_frames_are_pairs_with_the_whole(tmp_path, camcorder):
     seven_scenes(tmp_path, camcorder.frames())
     dataset = opened(tmp_path, partial_frames=4)
@@ -447,6 +469,9 @@ def test_sequences_whose_names_clash_are_told_apart(tmp_path):
         ("[", "is no calibration"),
         ('{"depth": {"fx": 1}}', "is no calibration"),
         ('{"T_zup_world": [1, 2]}', "is no calibration"),
+        (json.dumps({"depth": CAMERA | {"width": 0}}), "is no calibration .*width is 0, not a number above 0"),
+        (json.dumps({"depth": CAMERA | {"fx": float("nan")}}), "is no calibration .*fx is nan, not a number above 0"),
+        (json.dumps({"depth": CAMERA | {"scale": 0}}), "is no calibration .*scale is 0, not a number above 0"),
         ('{"T_zup_world": [2,0,0,0, 0,2,0,0, 0,0,2,0, 0,0,0,1]}', "no rigid transform"),
     ],
 )

@@ -100,7 +100,7 @@ def _scannet(folder: Path) -> Sequence:
     """ScanNet as its exporter writes it: `color/0.jpg depth/0.png pose/0.txt intrinsic/*.txt`."""
     frames = []
     lost: Counter[str] = Counter()
-    poses = sorted((folder / "pose").glob("*.txt"), key=_number)
+    poses = sorted((folder / "pose").glob("*.txt"), key=_in_order)
     for pose in poses:
         depth = folder / "depth" / f"{pose.stem}.png"
         if not depth.is_file():
@@ -134,7 +134,7 @@ def _rtabmap(folder: Path) -> Sequence:
     poses_path = _rtabmap_poses(folder)
     depth_folder, calibrations, color_folder = (_part(folder, name) for name in ("depth", "calib", "rgb"))
     assert poses_path is not None and depth_folder is not None and calibrations is not None
-    images = sorted((path for path in depth_folder.iterdir() if path.suffix.lower() == ".png"), key=_number)
+    images = sorted((path for path in depth_folder.iterdir() if path.suffix.lower() == ".png"), key=_in_order)
     poses = _rtabmap_rows(poses_path, np.array([_number(path) for path in images]))
     of_camera = "camera" in poses_path.stem
     frames = []
@@ -185,9 +185,14 @@ def _rtabmap_rows(path: Path, numbers: NDArray[np.float64]) -> list[Pose | None]
     """The pose of each image: by its id or time, and by its place where the file has neither (3 x 4 matrices).
 
     Args:
-        numbers: (N,) what the images are named: ids or times.
+        numbers: (N,) what the images are named: ids or times; infinite where a name is neither.
     """
     table = _table(path)
+    if table.shape[1] == 12 and not np.isfinite(numbers).all():
+        raise CloudError(
+            f"{path} has poses without times, and not all images are named by number: which belong together cannot be "
+            "told; name the images by number in the order of the poses"
+        )
     if table.shape[1] == 12 and len(table) == len(numbers):
         bottom = np.tile([0.0, 0.0, 0.0, 1.0], (len(table), 1))
         return list(np.hstack([table, bottom]).reshape(-1, 4, 4))
@@ -228,7 +233,8 @@ def _opencv_calibration(path: Path) -> tuple[Camera, Pose]:
     if local is not None and local.size == 12:
         T_base_camera[:3] = local.reshape(3, 4)
     fx, _, cx, _, fy, cy, *_ = matrix
-    return Camera(fx, fy, cx, cy, whole("image_width"), whole("image_height")), T_base_camera
+    # A size of 0 is one that was not known.
+    return Camera(fx, fy, cx, cy, whole("image_width") or None, whole("image_height") or None), T_base_camera
 
 
 def _part(folder: Path, name: str) -> Path | None:
@@ -241,12 +247,18 @@ def _image(folder: Path, stem: str) -> Path | None:
     return next((path for path in (folder / f"{stem}{extension}" for extension in IMAGES) if path.is_file()), None)
 
 
+def _in_order(path: Path) -> tuple[float, str]:
+    """What files are sorted by: their number, then their name."""
+    return _number(path), path.name
+
+
 def _number(path: Path) -> float:
-    """The number that a file is named by: 10 comes after 9, a time is a time."""
+    """The number that a file is named by: 10 comes after 9, a time is a time; infinite where its name is none."""
     try:
-        return float(path.stem)
+        number = float(path.stem)
     except ValueError:
         return float("inf")
+    return number if np.isfinite(number) else float("inf")
 
 
 def _pose(path: Path) -> Pose:

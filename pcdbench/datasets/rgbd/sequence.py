@@ -115,7 +115,7 @@ def calibrated(sequence: Sequence) -> Sequence:
         return replace(
             sequence,
             depth_camera=sequence.depth_camera if depth is None else _camera(depth),
-            depth_scale=float((depth or {}).get("scale", sequence.depth_scale)),
+            depth_scale=_positive("scale", (depth or {}).get("scale", sequence.depth_scale)),
             color_camera=sequence.color_camera if color is None else _camera(color),
             T_color_depth=sequence.T_color_depth if color is None else _T_color_depth(color),
             T_zup_world=sequence.T_zup_world if T_zup_world is None else matrix4(T_zup_world),
@@ -150,13 +150,20 @@ def matrix4(values: Any) -> Pose:
 def _camera(values: Mapping[str, Any]) -> Camera:
     width, height = values.get("width", values.get("w")), values.get("height", values.get("h"))
     return Camera(
-        float(values["fx"]),
-        float(values["fy"]),
+        _positive("fx", values["fx"]),
+        _positive("fy", values["fy"]),
         float(values["cx"]),
         float(values["cy"]),
-        None if width is None else int(width),
-        None if height is None else int(height),
+        None if width is None else int(_positive("width", int(width))),
+        None if height is None else int(_positive("height", int(height))),
     )
+
+
+def _positive(name: str, value: Any) -> float:
+    number = float(value)
+    if not 0 < number < float("inf"):
+        raise ValueError(f"{name} is {value}, not a number above 0")
+    return number
 
 
 def _T_color_depth(color: Mapping[str, Any]) -> Pose:
