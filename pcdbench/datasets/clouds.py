@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pcdbench import options
 from pcdbench.dataset import Dataset
@@ -40,6 +40,20 @@ class Clouds(Dataset):
             "then a scene, an incomplete scan of the same place",
         )
         partials: str = Field("*", description="real pairs: which files are incomplete scans (sub_*.ply)")
+
+        @field_validator("complete")
+        @classmethod
+        def _is_a_name(cls, complete: str) -> str:
+            if complete != Path(complete).name:
+                raise ValueError(f"{complete!r} is no name of a file (full.ply), but a path; give the name alone")
+            return complete
+
+        @field_validator("partials")
+        @classmethod
+        def _is_a_pattern(cls, partials: str) -> str:
+            if not Path(partials).parts:
+                raise ValueError(f"{partials!r} fits no name; give a pattern (sub_*.ply), or * for all other clouds")
+            return partials
 
     options: Options
     default_split = "all"

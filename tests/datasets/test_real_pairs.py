@@ -212,6 +212,20 @@ def test_pairs_that_are_not_there_are_named(folder):
         opened(folder, complete="nowhere.ply").scene_names("all")
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"partials": ""}, "'' fits no name; give a pattern"),
+        ({"partials": "."}, "'.' fits no name; give a pattern"),
+        ({"complete": "sub/full.ply"}, "'sub/full.ply' is no name of a file .*; give the name alone"),
+        ({"complete": "."}, "'.' is no name of a file"),
+    ],
+)
+def test_options_that_can_name_no_file_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        Clouds.Options(**options)
+
+
 def test_a_pair_has_one_case_whatever_the_levels(folder):
     planned = plan(
         Request(
