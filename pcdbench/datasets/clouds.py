@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -12,7 +11,15 @@ from pydantic import Field, field_validator
 from pcdbench import options
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.boxes import boxes_file, read_boxes
-from pcdbench.datasets.scans import FEWEST_POINTS, content_digest, scene_names, scene_of_scan, without_duplicates
+from pcdbench.datasets.scans import (
+    FEWEST_POINTS,
+    absolute_root,
+    content_digest,
+    folders_under,
+    scene_names,
+    scene_of_scan,
+    without_duplicates,
+)
 from pcdbench.errors import PcdbenchError
 from pcdbench.formats import EXTENSIONS, read_observed
 from pcdbench.formats.text import holds_points
@@ -121,7 +128,7 @@ class Clouds(Dataset):
         """Each scene's file, by the scene's name."""
         if self.path is None:
             raise PcdbenchError("data set clouds needs a file or folder: --dataset clouds:PATH")
-        root = self.path.expanduser()
+        root = absolute_root("clouds", self.path)
         if not root.exists():
             raise PcdbenchError(f"clouds:{root}: there is no such file or folder; check the path")
         if not root.is_dir():
@@ -160,10 +167,7 @@ class Clouds(Dataset):
 
 def _cloud_paths(root: Path) -> list[Path]:
     """All clouds under `root`, sorted; hidden files and folders are passed over."""
-    found = []
-    for folder, subfolders, names in os.walk(root):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        found += [Path(folder, name) for name in names if not name.startswith(".")]
+    found = [folder / name for folder, _, names in folders_under(root) for name in names if not name.startswith(".")]
     return sorted(path for path in found if _is_cloud(path))
 
 

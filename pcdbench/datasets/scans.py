@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import unicodedata
 import warnings
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
-from pcdbench.errors import CloudError
+from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.files import keep
 from pcdbench.formats import CloudWarning
 from pcdbench.geometry.duplicates import repeats
@@ -27,6 +28,45 @@ from pcdbench.scene import Scene, TaggedObject
 FEWEST_POINTS = 10
 # More than this is thinned at random before the Poisson-disk sample, whose cost grows with its source.
 _MOST_TO_SAMPLE = 2_000_000
+
+
+def absolute_root(dataset: str, path: Path) -> Path:
+    """The file or folder that a data set was given, absolute, `~` expanded.
+
+    Names along it can decide what is read (`Area_1`, the camera of `freiburg1`, the folder above): `.` gets its own.
+    A link keeps its name, unless a `..` comes after it.
+
+    Raises:
+        PcdbenchError: where a `~` is nobody's.
+    """
+    try:
+        expanded = path.expanduser()
+    except RuntimeError:
+        raise PcdbenchError(f"{dataset}:{path}: no home folder is known for {path.parts[0]}; give the path") from None
+    parts = expanded.absolute().parts
+    after = max((place for place, part in enumerate(parts, 1) if part == ".."), default=0)
+    return Path(os.path.realpath(Path(*parts[:after])), *parts[after:]) if after else Path(*parts)
+
+
+def folders_under(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
+    """Each folder in and under `root`, its subfolders' names, sorted, and its files'; hidden folders are passed over.
+
+    Linked folders are followed, after all that lie there themselves: each folder comes once, and keeps the path that
+    it has without links. What is taken out of the subfolders' names is not walked.
+    """
+    # A link to a folder that `root` is in would come round to it.
+    seen = set(root.resolve().parents)
+    ahead = [root]
+    for start in ahead:
+        for name, subfolders, files in os.walk(start):
+            folder = Path(name)
+            if (real := folder.resolve()) in seen:
+                subfolders.clear()
+                continue
+            seen.add(real)
+            subfolders[:] = sorted(its for its in subfolders if not its.startswith("."))
+            yield folder, subfolders, files
+            ahead += [folder / its for its in subfolders if (folder / its).is_symlink()]
 
 
 def scene_of_scan(

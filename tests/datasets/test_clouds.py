@@ -91,6 +91,33 @@ def test_folder_lists_all_formats_in_subfolders_and_nothing_else(tmp_path):
     assert opened(tmp_path).scene_names("all") == ("b", "e", "f", "g", "sub-c", "sub-deep-d")
 
 
+def test_linked_folders_are_followed_once(tmp_path):
+    for name in ("scans/b/one.ply", "elsewhere/two.ply", "elsewhere/sub/three.ply", "scans/.old/four.ply"):
+        room(20).write(tmp_path / name)
+    links = {
+        "scans/link": "elsewhere",
+        "scans/a": "scans/b",
+        "scans/round": "scans",
+        "scans/b/up": ".",
+        "elsewhere/back": "scans/b",
+    }
+    for link, target in links.items():
+        (tmp_path / link).symlink_to(tmp_path / target, target_is_directory=True)
+    assert opened(tmp_path / "scans").scene_names("all") == ("b-one", "link-sub-three", "link-two")
+    assert opened(tmp_path / "scans/link").scene_names("all") == ("back-one", "sub-three", "two")
+
+
+def test_names_along_a_path_are_those_that_were_given(tmp_path, monkeypatch):
+    (tmp_path / "far/Area_1").mkdir(parents=True)
+    (tmp_path / "near").mkdir()
+    (tmp_path / "near/Area_2").symlink_to(tmp_path / "far/Area_1")
+    monkeypatch.chdir(tmp_path / "near")
+    for path, meant in {".": "near", "Area_2": "near/Area_2", "..": "", "Area_2/../Area_1": "far/Area_1"}.items():
+        assert scans.absolute_root("s3dis", Path(path)) == tmp_path / meant
+    with pytest.raises(PcdbenchError, match=r"^clouds:~nobody-at-all/a: no home folder is known for ~nobody-at-all; "):
+        opened(Path("~nobody-at-all/a")).scene_names("all")
+
+
 def test_clashing_names_are_told_apart(tmp_path):
     for name in ("a.ply", "a.xyz", "b c.ply", "b_c.ply", "d/e.ply", "d-e.ply"):
         room(20).write(tmp_path / name)

@@ -393,6 +393,54 @@ def test_tum_images_without_a_pose_of_their_time_are_counted(tmp_path, camcorder
     assert (len(sequence.frames), sequence.unusable) == (8, {"no pose of its time": 2})
 
 
+def still(folder, at=""):
+    """A TUM sequence without a calibration: one plain image three times."""
+    for name, seconds in (("depth", range(3)), ("rgb", range(3))):
+        for number in seconds:
+            image = np.full((H, W), 10_000 + number, np.uint16) if name == "depth" else np.zeros((H, W, 3), np.uint8)
+            write_image(folder / name / f"{number}.png", image)
+        (folder / f"{name}.txt").write_text("".join(f"{number} {at}{name}/{number}.png\n" for number in seconds))
+    (folder / "groundtruth.txt").write_text("".join(f"{number} 0 0 0 0 0 0 1\n" for number in range(3)))
+
+
+def test_a_cameras_name_and_calibration_are_found_from_inside_and_through_links(tmp_path, monkeypatch):
+    folder = tmp_path / "scans/freiburg2_desk"
+    still(folder)
+    (tmp_path / "scans/calibration.json").write_text(json.dumps({"color": CAMERA}))
+    link = tmp_path / "links/desk"
+    link.parent.mkdir()
+    link.symlink_to(folder, target_is_directory=True)
+    monkeypatch.chdir(folder)
+    sequences = [opened(path)._sequence("freiburg2_desk") for path in (folder, Path("."), link)]
+    sequences.append(opened(link.parent)._sequence("desk"))
+    for sequence in sequences:
+        assert sequence.depth_camera.fx == 520.9 and sequence.color_camera == DEPTH
+
+
+def test_a_relative_folder_may_name_its_images_absolutely(tmp_path, monkeypatch):
+    still(tmp_path / "a", f"{tmp_path}/a/")
+    monkeypatch.chdir(tmp_path)
+    assert opened(Path("a")).digest("a") == opened(tmp_path / "a").digest("a")
+
+
+def test_a_camera_that_a_name_tells_decides_the_scene(tmp_path):
+    still(tmp_path / "a/room")
+    before, digest = opened(tmp_path / "a").scene("room"), opened(tmp_path / "a").digest("room")
+    (tmp_path / "a/room").rename(tmp_path / "a/freiburg3_room")
+    # The scene's own name stays, and with it all else that its digest is of.
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/room").symlink_to(tmp_path / "a/freiburg3_room", target_is_directory=True)
+    after = opened(tmp_path / "b").scene("room")
+    assert np.ptp(after.dense.points[:, 0]) != np.ptp(before.dense.points[:, 0])
+    assert opened(tmp_path / "b").digest("room") != digest
+    # With a calibration the name tells nothing.
+    (tmp_path / "a/freiburg3_room/calibration.json").write_text(json.dumps({"depth": CAMERA}))
+    calibrated = opened(tmp_path / "b").digest("room")
+    (tmp_path / "b/room").unlink()
+    (tmp_path / "a/freiburg3_room").rename(tmp_path / "b/room")
+    assert opened(tmp_path / "b").digest("room") == calibrated
+
+
 def test_poses_without_times_need_images_named_by_number(tmp_path):
     for name in ("10", "9", "nan"):
         write_image(tmp_path / f"depth/{name}.png", np.zeros((2, 2), np.uint16))
@@ -449,6 +497,15 @@ def test_without_a_cache_a_scene_is_the_same(tmp_path, camcorder, monkeypatch):
     np.testing.assert_array_equal(scene.dense.points, kept.dense.points)
     np.testing.assert_array_equal(scene.dense.colors, kept.dense.colors)
     np.testing.assert_array_equal(scene.viewpoints, kept.viewpoints)
+
+
+def test_sequences_in_linked_folders_are_found(tmp_path):
+    for name in ("scans/one", "elsewhere/two", "elsewhere/two/inside"):
+        (tmp_path / name).mkdir(parents=True)
+        np.savetxt(tmp_path / name / "frame-000000.pose.txt", np.eye(4))
+    (tmp_path / "scans/all").symlink_to(tmp_path / "elsewhere", target_is_directory=True)
+    (tmp_path / "elsewhere/round").symlink_to(tmp_path / "scans", target_is_directory=True)
+    assert opened(tmp_path / "scans").scene_names("all") == ("all-two", "one")
 
 
 def test_sequences_whose_names_clash_are_told_apart(tmp_path):

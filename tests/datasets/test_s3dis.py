@@ -237,6 +237,11 @@ def test_rooms_near_the_origin_are_kept_as_they_are(tree):
     np.testing.assert_array_equal(points, np.concatenate(list(OFFICE.values()))[:, :3].astype(np.float32))
 
 
+def test_an_area_is_known_by_its_folders_name_from_inside(tree, monkeypatch):
+    monkeypatch.chdir(tree / "Area_6")
+    assert opened(Path(".")).scene_names("all") == ["area6-copyRoom_1"]
+
+
 def test_without_a_cache_a_room_is_the_same(tree, tmp_path, monkeypatch):
     kept = opened(tree).scene("area1-office_1")
     (tmp_path / "file").write_text("")

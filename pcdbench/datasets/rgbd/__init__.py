@@ -23,7 +23,14 @@ from pcdbench.datasets.rgbd import sequence as posed
 from pcdbench.datasets.rgbd.fusion import Fused, Settings, fused
 from pcdbench.datasets.rgbd.gravity import T_zup, up_direction
 from pcdbench.datasets.rgbd.layouts import LAYOUTS, layout_of, read_sequence
-from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_names, scene_of_scan
+from pcdbench.datasets.scans import (
+    FEWEST_POINTS,
+    absolute_root,
+    folder_digest,
+    folders_under,
+    scene_names,
+    scene_of_scan,
+)
 from pcdbench.errors import PcdbenchError
 from pcdbench.files import read_arrays, write_arrays
 from pcdbench.formats import CloudWarning
@@ -34,7 +41,7 @@ from pcdbench.plugins import did_you_mean
 from pcdbench.scene import Scene
 
 # Raise it whenever fusing gives something else, so that what was fused before is fused again.
-_FUSION = 3
+_FUSION = 4
 # Median depths beyond these are of no room: the depth scale is wrong.
 _NEAREST_M, _FARTHEST_M = 0.2, 20.0
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
@@ -125,7 +132,7 @@ class Rgbd(Dataset):
         )
 
     def digest(self, name: str) -> str:
-        """Digest of the scene's name and of all files that its frames come from."""
+        """Digest of the scene's name, of all files that its frames come from, and of a camera that a name tells."""
         folder_name, _ = self._parts(name)
         return digest([name, self._digest_of(folder_name)])
 
@@ -185,7 +192,8 @@ class Rgbd(Dataset):
         sequence = self._sequence(folder_name)
         images = [path for frame in sequence.frames for path in (frame.depth, frame.color) if path is not None]
         paths = sorted({path for path in (*images, *sequence.files) if path.is_file()})
-        return folder_digest(Path(os.path.commonpath(paths)) if len(paths) > 1 else sequence.root, paths)
+        content = folder_digest(Path(os.path.commonpath(paths)) if len(paths) > 1 else sequence.root, paths)
+        return digest([content, vars(sequence.depth_camera)]) if sequence.is_camera_by_name else content
 
     @cached_property
     def _sequences(self) -> dict[str, posed.Sequence]:
@@ -196,17 +204,17 @@ class Rgbd(Dataset):
         """The folder of each sequence, by name."""
         if self.path is None:
             raise PcdbenchError("data set rgbd needs a folder: --dataset rgbd:PATH")
-        root = self.path.expanduser()
+        root = absolute_root("rgbd", self.path)
         if not root.is_dir():
             raise PcdbenchError(f"rgbd:{root}: there is no such folder; check the path")
         if layout_of(root):
             return {scene_names([root.resolve().name], unnamed="sequence")[0]: root}
         found = []
-        for folder, subfolders, _ in os.walk(root):
-            subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
-            if layout_of(Path(folder)):
-                found.append(Path(folder))
+        for folder, subfolders, _ in folders_under(root):
+            if layout_of(folder):
+                found.append(folder)
                 subfolders.clear()
+        found.sort()
         if not found:
             raise PcdbenchError(f"{root} holds no sequence in the layout of {', '.join(LAYOUTS)}; see docs/data.md")
         texts = ["-".join(folder.relative_to(root).parts) for folder in found]

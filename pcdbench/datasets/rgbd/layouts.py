@@ -87,9 +87,19 @@ def _tum(folder: Path) -> Sequence:
             lost["no colour image of its time"] += 1
         else:
             frames.append(Frame(path.stem, path, color[color_at], quaternion_pose(table[at, 1:])))
-    camera = next((camera for name, camera in _TUM.items() if name in folder.name.lower()), _TUM_DEFAULT)
+    # A linked sequence may be called otherwise than where it lies.
+    called = (folder.name.lower(), folder.resolve().name.lower())
+    camera = next((camera for its in called for name, camera in _TUM.items() if name in its), _TUM_DEFAULT)
     files = tuple(folder / name for name in ("rgb.txt", "depth.txt", "groundtruth.txt"))
-    return Sequence(folder, tuple(frames), camera, depth_scale=5000.0, unusable=lost, files=files)
+    return Sequence(
+        folder,
+        tuple(frames),
+        camera,
+        depth_scale=5000.0,
+        unusable=lost,
+        files=files,
+        is_camera_by_name=True,
+    )
 
 
 def _is_scannet(folder: Path) -> bool:

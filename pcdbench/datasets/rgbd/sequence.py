@@ -79,6 +79,7 @@ class Sequence:
         T_zup_world: (4, 4) takes the poses' world into one with z up; None where it has to be found.
         unusable: by reason, how many frames the layout's files name that cannot be used.
         files: those that decide the scene beside the images: poses, calibrations.
+        is_camera_by_name: whether the depth camera follows from what the folder is called and from no file.
     """
 
     root: Path
@@ -90,11 +91,12 @@ class Sequence:
     T_zup_world: Pose | None = None
     unusable: Mapping[str, int] | None = None
     files: tuple[Path, ...] = ()
+    is_camera_by_name: bool = False
 
 
 def calibration_file(root: Path) -> Path | None:
-    """The calibration beside a sequence's images or in the folder above."""
-    candidates = [folder / name for folder in (root, root.parent) for name in CALIBRATION_NAMES]
+    """The calibration beside a sequence's images or in the folder above: the link's, then its target's."""
+    candidates = [folder / name for folder in (root, root.parent, root.resolve().parent) for name in CALIBRATION_NAMES]
     return next((path for path in candidates if path.is_file()), None)
 
 
@@ -120,6 +122,7 @@ def calibrated(sequence: Sequence) -> Sequence:
             T_color_depth=sequence.T_color_depth if color is None else _T_color_depth(color),
             T_zup_world=sequence.T_zup_world if T_zup_world is None else matrix4(T_zup_world),
             files=(*sequence.files, path),
+            is_camera_by_name=sequence.is_camera_by_name and depth is None,
         )
     except (OSError, ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise CloudError(f"{path} is no calibration as docs/data.md describes it ({error!r}); correct it") from error

@@ -15,7 +15,7 @@ from pcdbench import options
 from pcdbench.cloud import PointCloud
 from pcdbench.dataset import Dataset, Finding
 from pcdbench.datasets.s3dis.room import STRUCTURE, Room, read_room, room_files
-from pcdbench.datasets.scans import FEWEST_POINTS, folder_digest, scene_names, scene_of_scan
+from pcdbench.datasets.scans import FEWEST_POINTS, absolute_root, folder_digest, scene_names, scene_of_scan
 from pcdbench.errors import PcdbenchError
 from pcdbench.files import read_arrays, write_arrays
 from pcdbench.keys import digest, seed_from
@@ -118,7 +118,7 @@ class S3DIS(Dataset):
         """By split, the folder of each room by its scene's name."""
         if self.path is None:
             raise PcdbenchError("data set s3dis needs the folder that holds Area_1 to Area_6: --dataset s3dis:PATH")
-        root = self.path.expanduser()
+        root = absolute_root("s3dis", self.path)
         if not root.is_dir():
             raise PcdbenchError(f"s3dis:{root}: there is no such folder; check the path")
         found = _area_folders(root)
