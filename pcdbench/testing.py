@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import pickle
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
@@ -24,6 +24,7 @@ from pcdbench.geometry.neighbors import nearest
 from pcdbench.keys import canonical_json
 from pcdbench.options import Options
 from pcdbench.runner.cards import checked_card, require_known_splits
+from pcdbench.runner.rows import samples_by_metric
 from pcdbench.scene import Box, Scene, Surface, TaggedObject
 from pcdbench.task import Measurements, Metric, Task
 
@@ -63,8 +64,8 @@ def check_completer(
     _check_declaration(who, completer)
     digest = called(f"{who}.weights_digest()", completer.weights_digest)
     _require(
-        digest is None or re.fullmatch("[0-9a-f]{64}", digest) is not None,
-        f"{who}.weights_digest() must be None or a SHA-256 in hex, not {digest!r}",
+        digest is None or (isinstance(digest, str) and re.fullmatch("[0-9a-f]{64}", digest) is not None),
+        f"{who}.weights_digest() must be None or a SHA-256 as a text in hex, not {digest!r}",
     )
     _check_card(who, completer)
     report("version, options, weights' digest and model card can be shown and recorded")
@@ -143,9 +144,9 @@ def check_task(
     with _global_randomness(1), _not_skipped(who):
         again = _measure(who, task, halves[0], scene.complete)
     # Sums of threads differ in their last digits; anything more is randomness from elsewhere.
-    for name, samples in truth[0].samples.items():
+    for name, samples in truth[0].items():
         _require(
-            len(samples) == len(again.samples[name]) and np.allclose(samples, again.samples[name], 1e-6, 1e-9),
+            len(samples) == len(again[name]) and np.allclose(samples, again[name], 1e-6, 1e-9),
             f"{who}: {name} has other values for the same rng; use no other randomness",
         )
     report("the declared metrics, finite, the same for the same rng, and case and cloud as they were")
@@ -251,21 +252,34 @@ def _check_declaration(who: str, plugin: Completer | Task) -> None:
     """What every plugin declares: a version, and options that can be shown, recorded and sent to a worker."""
     _require(isinstance(plugin.version, str) and plugin.version != "", f"{who}.version must be a text such as '1'")
     model = plugin.Options
-    _require(issubclass(model, Options), f"{who}.Options must be a subclass of pcdbench.Options")
+    subclass = isinstance(model, type) and issubclass(model, Options)
+    _require(subclass, f"{who}.Options must be a subclass of pcdbench.Options")
     _require(bool(model.model_config.get("frozen")), f"{who}.Options must stay frozen")
     for name, field in model.model_fields.items():
         _require(not field.is_required(), f"{who}: option {name} needs a default")
         _require(bool(field.description), f"{who}: option {name} needs a description: Field(..., description=...)")
-    recorded = plugin.options.model_dump(mode="json")
-    text = called(f"{who}: options as JSON", canonical_json, recorded)
+    _require(
+        isinstance(getattr(plugin, "options", None), model),
+        f"{who}.options must be an instance of {who}.Options; call super().__init__(options)",
+    )
+    text = called(f"{who}: options as JSON", lambda: canonical_json(plugin.options.model_dump(mode="json")))
     _require(
         called(f"{who}: options read back", model.model_validate, json.loads(text)) == plugin.options,
         f"{who}: options do not survive being written as JSON and read back",
     )
-    _require(pickle.loads(pickle.dumps(plugin.options)) == plugin.options, f"{who}: options cannot be pickled")
+    unpickled = called(
+        f"{who}: options pickled and read back",
+        lambda: pickle.loads(pickle.dumps(plugin.options)),
+        cure="; define Options in the plugin's class or in its module, not in a function",
+    )
+    _require(unpickled == plugin.options, f"{who}: options do not survive being pickled")
 
 
 def _check_metrics(who: str, metrics: tuple[Metric, ...]) -> None:
+    _require(
+        isinstance(metrics, Sequence) and all(isinstance(metric, Metric) for metric in metrics),
+        f"{who}.metrics must be a tuple of pcdbench.Metric, not {metrics!r}",
+    )
     names = [metric.name for metric in metrics]
     _require(bool(names), f"{who}.metrics is empty; declare at least one pcdbench.Metric")
     _require(len(set(names)) == len(names), f"{who}.metrics names a metric twice: {names}")
@@ -297,38 +311,41 @@ def _check_repeats(who: str, make: Callable[[np.random.Generator], PointCloud], 
     return first
 
 
-def _measure(who: str, task: Task, case: Case, completed: PointCloud) -> Measurements:
-    """The measurements of one cloud, shown to be what was declared, with case and cloud as they were."""
+def _measure(who: str, task: Task, case: Case, completed: PointCloud) -> dict[str, list[float]]:
+    """The samples by metric of one cloud, shown to be what was declared, with case and cloud as they were."""
     looked_at = [case.kept, case.scene.complete.points, case.scene.dense.points, completed.points]
     before = [array.copy() for array in looked_at]
     result = called(f"{who}.evaluate()", task.evaluate, case, completed, np.random.default_rng(case.seed))
     _require(isinstance(result, Measurements), f"{who} must return pcdbench.Measurements, not {type(result).__name__}")
-    declared, measured = {metric.name for metric in task.metrics}, set(result.samples)
-    _require(declared == measured, f"{who} declares {sorted(declared)} but measures {sorted(measured)}")
-    for name, samples in result.samples.items():
+    try:
+        row = samples_by_metric(task, result)
+    except PluginError as error:
+        raise AssertionError(f"{who}: {error}") from None
+    measured: dict[str, list[float]] = {name: metric["samples"] for name, metric in row["metrics"].items()}
+    declared = [metric.name for metric in task.metrics]
+    _require(set(declared) == set(measured), f"{who} declares {sorted(declared)} but measures {sorted(measured)}")
+    for name, samples in measured.items():
         _require(
             len(samples) > 0, f"{who}: {name} has no samples; raise pcdbench.Skipped where there is nothing to say"
         )
-        _require(bool(np.isfinite(np.asarray(samples, float)).all()), f"{who}: {name} is not finite: {samples}")
-    for name, labels in result.labels.items():
-        _require(len(labels) == len(result.samples.get(name, ())), f"{who}: {name} needs one label a sample")
+    unknown = [name for name in result.labels if name not in measured]
+    _require(not unknown, f"{who} labels {unknown}, of which it has no samples")
     _require_json(result)
     for array, copy in zip(looked_at, before, strict=True):
         _require(np.array_equal(array, copy), f"{who} changed what it measured")
-    return result
+    return measured
 
 
 def _require_json(result: Measurements) -> None:
-    samples = {name: [float(value) for value in values] for name, values in result.samples.items()}
     labels = {name: list(values) for name, values in result.labels.items()}
     try:
-        canonical_json([samples, labels, dict(result.trace)])
+        canonical_json([labels, dict(result.trace)])
     except (TypeError, ValueError) as error:
         raise AssertionError(f"measurements must be plain numbers, lists and texts: {error}") from error
 
 
-def _figure(metric: Metric, results: list[Measurements]) -> float:
-    samples = np.concatenate([np.asarray(result.samples[metric.name], float) for result in results])
+def _figure(metric: Metric, results: Sequence[Mapping[str, Sequence[float]]]) -> float:
+    samples = np.concatenate([result[metric.name] for result in results])
     return float(np.median(samples) if metric.summary == "median" else np.mean(samples))
 
 
@@ -354,12 +371,14 @@ def _check_confidence(who: str, completer: Completer, cloud: PointCloud, result:
     _require(np.array_equal(same.points, result.points), f"{who} and complete() must return the same cloud")
     if confidence is None:
         return
-    _require(
-        np.shape(confidence) == (len(same),),
-        f"{who} must give one number a point, ({len(same)},), not {np.shape(confidence)}",
-    )
-    within = (np.asarray(confidence) >= 0) & (np.asarray(confidence) <= 1)
-    _require(bool(within.all()), f"{who} must stay in [0, 1]")
+    wanted = f"{who} must give one number a point, ({len(same)},)"
+    try:
+        numbers = np.asarray(confidence, float)
+    except (TypeError, ValueError) as error:
+        raise AssertionError(f"{wanted}; its confidence is not numbers ({error})") from None
+    _require(numbers.shape == (len(same),), f"{wanted}, not {numbers.shape}")
+    within = (numbers >= 0) & (numbers <= 1)
+    _require(bool(within.all()), f"{who} must stay in [0, 1]; give None for all points where it cannot say")
 
 
 def _check_card(who: str, completer: Completer) -> None:

@@ -42,6 +42,13 @@ class NoDescription(Options):
     distance_m: float = 1.0
 
 
+def options_of_a_function() -> type[Options]:
+    class Local(Options):
+        distance_m: float = Field(1.0, description="how far")
+
+    return Local
+
+
 class Remembers(Completer):
     calls = 0
 
@@ -98,6 +105,9 @@ FAULTY_COMPLETERS = {
     "option distance_m needs a default": completer(lambda cloud, rng: cloud, Options=NoDefault),
     "option distance_m needs a description": completer(lambda cloud, rng: cloud, Options=NoDescription),
     "SHA-256": completer(lambda cloud, rng: cloud, weights_digest=lambda self: "v2-final"),
+    "SHA-256 as a text in hex, not b'00": completer(lambda cloud, rng: cloud, weights_digest=lambda self: b"0" * 64),
+    "define Options in the plugin's class": completer(lambda cloud, rng: cloud, Options=options_of_a_function()),
+    "call super().__init__(options)": completer(lambda cloud, rng: cloud, __init__=lambda self: None),
     "version must be": completer(lambda cloud, rng: cloud, version=2),
     "Faulty.complete(): ValueError: no plane in sight": completer(raises(ValueError("no plane\nin sight"))),
     "Faulty.complete(): SystemExit: 0": completer(raises(SystemExit(0))),
@@ -157,6 +167,9 @@ class Sure(Completer):
         (Sure(np.zeros, moved_m=0.1), "must return the same cloud"),
         (Sure(lambda count: np.ones((count, 1))), "must give one number a point"),
         (Sure(lambda count: np.full(count, np.nan)), r"must stay in \[0, 1\]"),
+        (Sure(lambda count: [None] * count), "give None for all points where it cannot say"),
+        (Sure(lambda count: ["high"] * count), "its confidence is not numbers"),
+        (Sure(lambda count: [[1.0], [1.0, 2.0]]), "its confidence is not numbers"),
     ],
 )
 def test_a_confidence_that_breaks_its_contract_is_told_how(completer: Completer, says: str) -> None:
@@ -202,15 +215,22 @@ METRIC = GapToTruth.metrics[0]
 FAULTY_TASKS = {
     "cannot tell them apart": task(lambda case, completed, rng: gap(1.0)),
     "must return pcdbench.Measurements, not float": task(lambda case, completed, rng: 1.0),
-    "declares ['gap_m'] but measures ['other']": task(lambda *_: Measurements({"other": [1.0]})),
-    "is not finite": task(lambda case, completed, rng: gap(float("nan"))),
+    "returned 'other', which its `metrics` do not declare": task(lambda *_: Measurements({"other": [1.0]})),
+    "declares ['gap_m'] but measures []": task(lambda *_: Measurements({})),
+    "samples of 'gap_m' not finite": task(lambda case, completed, rng: gap(float("nan"))),
+    "must be a sequence of numbers, not of shape ()": task(lambda *_: Measurements({"gap_m": 0.1})),  # type: ignore[dict-item]
+    "the samples of 'gap_m' are not numbers": task(lambda *_: Measurements({"gap_m": ["far"]})),  # type: ignore[list-item]
+    "the samples must be a dict, not list": task(lambda *_: Measurements([0.1])),  # type: ignore[arg-type]
     "has no samples": task(lambda case, completed, rng: gap()),
     "one label a sample": task(lambda case, completed, rng: gap(1.0, labels={"gap_m": ["a", "b"]})),
+    "must be a list with one label a sample": task(lambda case, completed, rng: gap(1.0, labels={"gap_m": 3})),
+    "labels ['gap'], of which it has no samples": task(lambda case, completed, rng: gap(1.0, labels={"gap": ["a"]})),
     "plain numbers": task(lambda case, completed, rng: gap(1.0, trace={"path": np.zeros(3)})),
     "for the same rng": task(lambda case, completed, rng: gap(np.random.default_rng().random())),
     "Faulty.evaluate(): KeyError: 'wall'": task(raises(KeyError("wall"))),
     "Faulty.evaluate(): SystemExit": task(raises(SystemExit(0))),
     "Faulty skips the room that it is tried on (no surface)": task(raises(Skipped("no surface"))),
+    "must be a tuple of pcdbench.Metric": task(lambda *_: gap(1.0), metrics=("gap_m",)),
     "metrics is empty": task(lambda *_: gap(1.0), metrics=()),
     "names a metric twice": task(lambda *_: gap(1.0), metrics=(METRIC, METRIC)),
     "needs a unit and a formula": task(lambda *_: gap(1.0), metrics=(Metric("gap_m", "m", "lower", ""),)),

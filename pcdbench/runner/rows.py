@@ -69,10 +69,13 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
     """The measurements as the row keeps them: samples, labels and meaning by metric, and the trace.
 
     Raises:
-        PluginError: naming the metric that is not declared, not numbers or not finite.
+        PluginError: naming the metric that is not declared, not numbers or not finite, or has no labels of its samples.
     """
     import numpy as np
 
+    for what in ("samples", "labels", "trace"):
+        if not isinstance(getattr(measurements, what), Mapping):
+            raise PluginError(f"the {what} must be a dict, not {type(getattr(measurements, what)).__name__}")
     declared = {metric.name: metric for metric in task.metrics}
     metrics: Row = {}
     for name, values in measurements.samples.items():
@@ -80,8 +83,8 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
             raise PluginError(f"the task returned {name!r}, which its `metrics` do not declare")
         try:
             samples = np.asarray(values, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise PluginError(f"the samples of {name!r} are not numbers") from None
+        except (TypeError, ValueError, OverflowError):
+            raise PluginError(f"the samples of {name!r} are not numbers; give a list of float") from None
         if samples.ndim != 1:
             raise PluginError(f"the samples of {name!r} must be a sequence of numbers, not of shape {samples.shape}")
         if not np.isfinite(samples).all():
@@ -95,10 +98,15 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
             # Threads add up in any order: beyond nine digits the same cell differs from run to run.
             "samples": [float(f"{value:.9g}") for value in samples],
         }
-        labels = [str(label) for label in measurements.labels.get(name, ())]
+        try:
+            labels = [str(label) for label in measurements.labels.get(name, ())]
+        except TypeError:
+            raise PluginError(f"the labels of {name!r} must be a list with one label a sample") from None
         if labels:
             if len(labels) != samples.size:
-                raise PluginError(f"{name!r} has {samples.size} samples and {len(labels)} labels")
+                raise PluginError(
+                    f"{name!r} has {samples.size} samples and {len(labels)} labels; give one label a sample"
+                )
             metrics[name]["labels"] = labels
     return {"metrics": metrics, "trace": _as_json(measurements.trace)}
 
