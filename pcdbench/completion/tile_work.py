@@ -208,7 +208,10 @@ def _own_confidence(given: NDArray[np.floating[Any]] | None, count: int) -> NDAr
     """(N,) what a completer says of its points; 1 of each where it says nothing."""
     if given is None:
         return np.ones(count)
-    own = np.asarray(given, np.float64)
+    try:
+        own = np.asarray(given, np.float64)
+    except (TypeError, ValueError) as error:
+        raise PluginError(f"its confidence is not numbers ({error}); one a point is wanted, ({count},)") from None
     if own.shape != (count,):
         raise PluginError(f"its confidence has shape {own.shape}; one number a point is wanted, ({count},)")
     if not ((own >= 0) & (own <= 1)).all():

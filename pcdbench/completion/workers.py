@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pebble import ProcessExpired, ProcessPool
 
+from pcdbench.errors import PcdbenchError, PluginError, told
 from pcdbench.threads import thread_count
 from pcdbench.workers import begin_worker
 
@@ -34,6 +35,9 @@ def tile_outcomes(
         tasks: each tile with its work.
         completer: built once a process.
         jobs: worker processes; 1 is this process.
+
+    Raises:
+        PcdbenchError: where the completer cannot be built in this process.
     """
     if jobs == 1:
         yield from _here(tasks, completer)
@@ -66,6 +70,8 @@ def _here(tasks: Iterable[tuple[Index, TileTask]], completer: Plugin | Completer
             outcome: TileResult | Exception | None = tile_result(task, built)
         except Exception as error:
             outcome = error
+        except SystemExit as end:
+            outcome = PluginError(told(end))
         yield tile, outcome
 
 
@@ -77,12 +83,22 @@ def _outcome(future: Future) -> TileResult | Exception | None:
         return RuntimeError(f"its process died (exit code {death.exitcode}): a crash in native code, or out of memory")
     except Exception as error:
         return error
+    except SystemExit as end:
+        return PluginError(told(end))
 
 
 def _built(completer: Plugin | Completer) -> Any:
     from pcdbench.completer import Completer
 
-    return completer if isinstance(completer, Completer) else completer.build()
+    if isinstance(completer, Completer):
+        return completer
+    try:
+        return completer.build()
+    except (PcdbenchError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        # Its constructor is the plugin's own, which may raise anything.
+        raise PluginError(f"completer {completer.name!r} cannot be built: {told(error)}") from error
 
 
 _completer: Any = None

@@ -207,6 +207,24 @@ def test_failing_everywhere_is_an_error():
         pcdbench.complete(hall(0.2, (4, 4)), WrongType())
 
 
+def test_a_completer_that_cannot_be_built_is_one_line(monkeypatch):
+    def unbuilt(*_):
+        raise RuntimeError("no\nGPU")
+
+    monkeypatch.setattr("pcdbench_completers.plane_fitting.PlaneFitting.__init__", unbuilt)
+    with pytest.raises(PcdbenchError, match="completer 'plane_fitting' cannot be built: RuntimeError: no GPU"):
+        pcdbench.complete(hall(0.3, (4, 4)), "plane_fitting")
+
+
+def test_a_completer_that_ends_its_process_costs_its_tile():
+    class Ends(Completer):
+        def complete(self, cloud, rng):
+            sys.exit("good bye")
+
+    with pytest.warns(CompletionWarning), pytest.raises(PcdbenchError, match="SystemExit: good bye"):
+        pcdbench.complete(hall(0.3, (4, 4)), Ends())
+
+
 def test_a_worker_that_dies_costs_its_tile(tmp_path):
     script = tmp_path / "dies.py"
     script.write_text(

@@ -122,6 +122,7 @@ def test_what_the_completer_says_of_itself_lowers_the_confidence():
     ("says", "message"),
     [
         (lambda count: np.ones(count - 1), r"its confidence has shape \(\d+,\); one number a point"),
+        (lambda count: ["high"] * count, r"its confidence is not numbers .*; one a point is wanted"),
         (lambda count: np.full(count, 1.01), r"must lie in \[0, 1\]"),
         (lambda count: np.full(count, np.nan), r"must lie in \[0, 1\]"),
     ],
