@@ -18,7 +18,7 @@ from typing import Any, Literal, Protocol
 
 import pluggy
 
-from pcdbench.errors import PluginError
+from pcdbench.errors import PluginError, told
 
 GROUP = "pcdbench"
 hookspec = pluggy.HookspecMarker(GROUP)
@@ -38,7 +38,7 @@ class Register(Protocol):
         summary: str,
         *,
         reference: bool = False,
-        weights: Sequence[Path] = (),
+        weights: Sequence[Path | str] = (),
         path: bool = True,
     ) -> None:
         """Register one thing.
@@ -123,8 +123,7 @@ class Registration:
             cls = load_target(self.target)
         except Exception as error:
             raise PluginError(
-                f"{self.kind} {self.name!r} from {self.origin} cannot be loaded from {self.target}: "
-                f"{type(error).__name__}: {error}"
+                f"{self.kind} {self.name!r} from {self.origin} cannot be loaded from {self.target}: {told(error)}"
             ) from error
         _require_sound_class(self, cls)
         loaded: type[Any] = cls
@@ -141,8 +140,14 @@ def _require_sound_class(registration: Registration, cls: Any) -> None:
     declared: Any = cls
     if not isinstance(declared.version, str) or not declared.version:
         raise PluginError(f'{who} has the version {declared.version!r}; it must be a text such as "1"')
-    if registration.kind == "task" and not declared.metrics:
-        raise PluginError(f"{who} declares no metrics; set `metrics`, the main one first")
+    if not (isinstance(declared.Options, type) and issubclass(declared.Options, pcdbench.Options)):
+        raise PluginError(f"{who}: its Options must be a subclass of pcdbench.Options")
+    if registration.kind == "task":
+        if not declared.metrics:
+            raise PluginError(f"{who} declares no metrics; set `metrics`, the main one first")
+        listed = isinstance(declared.metrics, Sequence)
+        if not (listed and all(isinstance(metric, pcdbench.Metric) for metric in declared.metrics)):
+            raise PluginError(f"{who}: its metrics must be a tuple of pcdbench.Metric, not {declared.metrics!r}")
 
 
 @dataclass
@@ -231,7 +236,7 @@ def load_registry(found: Iterable[EntryPoint]) -> Registry:
                 result.add(registration)
         except Exception as error:
             # A plugin may raise anything at import; SystemExit and KeyboardInterrupt still end the program.
-            result.broken[origin] = f"{type(error).__name__}: {error}"
+            result.broken[origin] = told(error)
     return result
 
 
@@ -250,7 +255,7 @@ def _registrations(plugin: object, origin: str) -> list[Registration]:
             summary: str,
             *,
             reference: bool = False,
-            weights: Sequence[Path] = (),
+            weights: Sequence[Path | str] = (),
             path: bool = True,
             kind: Kind = kind,
         ) -> None:
@@ -258,10 +263,21 @@ def _registrations(plugin: object, origin: str) -> list[Registration]:
                 raise PluginError(f"{kind} name {name!r} may hold only lower case letters, digits and _")
             if ":" not in target:
                 raise PluginError(f'{kind} {name!r}: target {target!r} must look like "package.module:Class"')
-            found.append(Registration(kind, name, target, summary, reference, origin, tuple(weights), path))
+            if not isinstance(summary, str):
+                raise PluginError(f"{kind} {name!r}: summary {summary!r} must be a text of one line")
+            files = _paths(f"{kind} {name!r}", weights)
+            found.append(Registration(kind, name, target, summary, reference, origin, files, path))
 
         getattr(manager.hook, hook)(register=register)
     return found
+
+
+def _paths(who: str, weights: Sequence[Path | str]) -> tuple[Path, ...]:
+    """The files of weights that a plugin registered; one alone counts as a list of it."""
+    try:
+        return tuple(map(Path, [weights] if isinstance(weights, str | Path) else weights))
+    except TypeError:
+        raise PluginError(f"{who}: weights {weights!r} must be a list of paths") from None
 
 
 def _origin(entry_point: EntryPoint) -> str:

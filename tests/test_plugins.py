@@ -4,10 +4,13 @@ import subprocess
 import sys
 from collections.abc import Callable
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
+from pcdbench import Options, Task
 from pcdbench.completer import Completer
 from pcdbench.errors import PluginError
 from pcdbench.plugins import GROUP, KINDS, Register, Registry, did_you_mean, hookimpl, load_registry
@@ -85,12 +88,27 @@ class IntegerVersion(Completer):
         raise NotImplementedError
 
 
+class NoOptions(Completer):
+    Options: Any = Options()
+
+    def complete(self, cloud: object, rng: object) -> None:  # type: ignore[override]
+        raise NotImplementedError
+
+
+class MetricsByName(Task):
+    metrics: Any = ("error_m",)
+
+    def evaluate(self, case: object, completed: object, rng: object) -> None:  # type: ignore[override]
+        raise NotImplementedError
+
+
 @pytest.mark.parametrize(
     ("target", "says"),
     [
         ("collections:OrderedDict", "is not a subclass of pcdbench.Completer"),
         ("json:dumps", "is not a subclass of pcdbench.Completer"),
         (f"{__name__}:IntegerVersion", 'has the version 2; it must be a text such as "1"'),
+        (f"{__name__}:NoOptions", ": its Options must be a subclass of pcdbench.Options"),
     ],
 )
 def test_a_class_that_is_no_completer_is_refused(
@@ -99,7 +117,43 @@ def test_a_class_that_is_no_completer_is_refused(
     found = load_registry([entry_point("odd", register_completers=registering("odd_one", target))])
     with pytest.raises(PluginError, match="completer 'odd_one': ") as caught:
         found.get("completer", "odd_one").load()
-    assert str(caught.value).endswith(f"{target} {says}")
+    assert str(caught.value).endswith(says) and target in str(caught.value)
+
+
+def test_metrics_that_are_none_are_refused(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry([entry_point("odd", register_tasks=registering("odd_one", f"{__name__}:MetricsByName"))])
+    with pytest.raises(PluginError, match=r"its metrics must be a tuple of pcdbench.Metric, not \('error_m',\)"):
+        found.get("task", "odd_one").load()
+
+
+@pytest.mark.parametrize("weights", [["no/w.safetensors"], [Path("no/w.safetensors")], "no/w.safetensors"])
+def test_weights_may_be_named_as_text(entry_point: Callable[..., EntryPoint], weights: Any) -> None:
+    def hook(register: Register) -> None:
+        register("learned", "x:Y", "learns", weights=weights)
+
+    (only,) = load_registry([entry_point("one", register_completers=hook)]).all("completer")
+    assert only.weights == (Path("no/w.safetensors"),) and only.lacks_weights
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"weights": [3]}, "completer 'odd_one': weights [3] must be a list of paths"),
+        ({"weights": None}, "completer 'odd_one': weights None must be a list of paths"),
+        ({"summary": None}, "completer 'odd_one': summary None must be a text of one line"),
+    ],
+)
+def test_what_cannot_be_listed_costs_its_own_plugin(
+    entry_point: Callable[..., EntryPoint], given: dict[str, Any], says: str
+) -> None:
+    def hook(register: Register) -> None:
+        register(**({"name": "odd_one", "target": "x:Y", "summary": "odd"} | given))
+
+    found = load_registry(
+        [entry_point("odd", register_completers=hook), entry_point("fine", register_completers=registering("good"))]
+    )
+    assert [one.name for one in found.all("completer")] == ["good"]
+    assert list(found.broken.values()) == [f"PluginError: {says}"]
 
 
 def test_a_broken_plugin_costs_nothing_but_itself(entry_point: Callable[..., EntryPoint]) -> None:
