@@ -34,7 +34,8 @@ def train(
     workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that prepare examples.")] = 1,
 ) -> None:
     """Train a completer that learns; stop it at any moment, and go on with --resume."""
-    from pcdbench.plugins import did_you_mean, load_target, registry
+    from pcdbench.plugins import did_you_mean, registry
+    from pcdbench.training.trainee import load_trainee
 
     # A completer of several networks names the trainee of its part PART as `PART_trainee`.
     completer_name, _, part = name.partition(".")
@@ -49,7 +50,7 @@ def train(
     there = (out / "checkpoint.safetensors").exists()
     if there and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
-    trainee = load_target(target).for_options(_options(completer_name, completer, option or ()))
+    trainee = load_trainee(name, target, _options(completer_name, completer, option or ()))
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
     chosen = trainee.presets[preset]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.paper.publication import Experiment, Publication
-from pcdbench.plugins import load_target, registry
+from pcdbench.plugins import registry
 from pcdbench.runner.jobs import CellExecutor
 from pcdbench.runner.plan import Plan, plan
 from pcdbench.runner.rows import Row
@@ -131,13 +131,14 @@ def _trained(experiment: Experiment, out: Path, place: Place) -> tuple[Path, Map
     from pcdbench.training.card import write_card
     from pcdbench.training.loop import train
     from pcdbench.training.stream import PairStream
+    from pcdbench.training.trainee import load_trainee
     from pcdbench.training.validation import Validation
 
     entry = experiment.completers[0]
     completer = registry().get("completer", entry.name).load()
     if completer.trainee is None:
         raise PcdbenchError(f"{entry.name} learns nothing, so there is nothing to train")
-    trainee = load_target(completer.trainee).for_options(completer.Options.model_validate(entry.options))
+    trainee = load_trainee(entry.name, completer.trainee, completer.Options.model_validate(entry.options))
     stream, preset = PairStream(), trainee.presets["default"]
     place.report(f"training {experiment.trained}")
     assert place.budget is not None

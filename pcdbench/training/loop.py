@@ -39,10 +39,19 @@ PATIENCE = 2  # checks without a better validation error, after which `plateau` 
 
 @dataclass(frozen=True)
 class Budget:
-    """How long to train: by steps or by hours, whichever is spent first."""
+    """How long to train: by steps or by hours, whichever is spent first.
+
+    Raises:
+        PcdbenchError: where either is not greater than zero.
+    """
 
     steps: int | None = None
     hours: float | None = None
+
+    def __post_init__(self) -> None:
+        for what, value in (("steps", self.steps), ("hours", self.hours)):
+            if value is not None and not value > 0:
+                raise PcdbenchError(f"{what} must be greater than zero, not {value:g}")
 
     def spent(self, step: int, seconds: float) -> float:
         """The share of the budget that is used up, 0 to 1: what the learning rate follows."""

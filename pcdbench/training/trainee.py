@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.completer import Completer
+from pcdbench.errors import PcdbenchError, PluginError, told
 from pcdbench.options import Options
+from pcdbench.plugins import load_target
 from pcdbench.training.stream import TrainingPair
 
 if TYPE_CHECKING:
@@ -88,3 +90,31 @@ class Trainee(ABC):
     @abstractmethod
     def completer(self, network: nn.Module) -> Completer:
         """A completer that uses this network, for validation."""
+
+
+def load_trainee(name: str, target: str, options: Options) -> Trainee:
+    """The trainee that a completer's class names, for these options.
+
+    Args:
+        name: of the completer or its part, for messages.
+        target: where it is, as "package.module:Class".
+
+    Raises:
+        PluginError: where it cannot be imported or built, or is no `Trainee`.
+        PcdbenchError: what it raises of this kind itself.
+    """
+    try:
+        trainee: Any = load_target(target).for_options(options)
+    except PcdbenchError:
+        raise
+    except Exception as error:
+        raise PluginError(
+            f"{name} cannot be trained: its class names the trainee {target!r}: {told(error)}; "
+            'it must be "package.module:Class", a complete pcdbench.training.trainee.Trainee'
+        ) from error
+    if not isinstance(trainee, Trainee):
+        raise PluginError(
+            f"{name} cannot be trained: the trainee {target!r} gave {type(trainee).__name__}, "
+            "not a pcdbench.training.trainee.Trainee"
+        )
+    return trainee

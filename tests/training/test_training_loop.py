@@ -275,6 +275,36 @@ def test_a_trainee_that_makes_no_completer_is_told_before_the_first_step(
     assert not list(tmp_path.iterdir())
 
 
+class ForNobody:
+    @classmethod
+    def for_options(cls, options: object) -> ForNobody:
+        return cls()
+
+
+@pytest.mark.parametrize(
+    ("target", "problem"),
+    [
+        (f"{__name__}:Typo", "has no attribute 'Typo'; it must be \"package.module:Class\""),
+        ("no_such_module:Typo", "ModuleNotFoundError: No module named 'no_such_module'; it must be"),
+        ("pcdbench.training.trainee:Trainee", "TypeError: Can't instantiate abstract class Trainee"),
+        (f"{__name__}:ForNobody", "gave ForNobody, not a pcdbench.training.trainee.Trainee"),
+    ],
+)
+def test_a_trainee_that_is_none_is_one_line(tmp_path: Path, monkeypatch, target: str, problem: str) -> None:
+    monkeypatch.setattr("pcdbench_completers.voxel_unet.completer.VoxelUNetCompleter.trainee", target)
+    ended = CliRunner().invoke(app, ["train", "voxel_unet", "--steps", "1", "--out", str(tmp_path / "new")])
+    assert ended.exit_code == 2 and ended.stderr.count("\n") == 1
+    assert ended.stderr.startswith("pcdbench: voxel_unet cannot be trained: ")
+    assert repr(target) in ended.stderr and problem in ended.stderr
+
+
+def test_no_time_to_train_is_one_line(tmp_path: Path) -> None:
+    ended = CliRunner().invoke(app, ["train", "voxel_unet", "--hours", "0", "--out", str(tmp_path / "new")])
+    assert (ended.exit_code, ended.stderr) == (2, "pcdbench: hours must be greater than zero, not 0\n")
+    with pytest.raises(PcdbenchError, match="steps must be greater than zero, not -1"):
+        Budget(steps=-1)
+
+
 def test_resuming_where_nothing_is_begins_from_nothing_and_says_so(tmp_path: Path, monkeypatch) -> None:
     asked = []
 
