@@ -26,7 +26,7 @@ def results(
 
 def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Format) -> None:
     """Print what rows add up to on standard output: tables, or records for programs."""
-    from pcdbench.leaderboard.render import LEGEND, markdown, print_tables, records, summary_tables
+    from pcdbench.leaderboard.render import LEGEND, escaped_markdown, markdown, print_tables, records, summary_tables
     from pcdbench.leaderboard.summary import reasons, summarize
 
     summary = summarize(rows)
@@ -35,7 +35,7 @@ def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Forma
     elif format == "csv":
         typer.echo(summary.to_csv(index=False), nl=False)
     elif format == "markdown":
-        lost = "".join(f"- {reason}\n" for reason in reasons(rows))
+        lost = "".join(f"- {escaped_markdown(reason)}\n" for reason in reasons(rows))
         typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{lost}", nl=False)
     else:
         console = table_console()

@@ -36,11 +36,16 @@ def escaped_markdown(text: str) -> str:
 
 @dataclass(frozen=True)
 class Cell:
-    """A table's cell: its text and whether it stands out (the best) or back (a reference)."""
+    """A table's cell: its text and whether it stands out (the best) or back (a reference).
+
+    Attributes:
+        named: whether the text is a plugin's, which may hold anything.
+    """
 
     text: str
     bold: bool = False
     italic: bool = False
+    named: bool = False
 
     @property
     def style(self) -> str:
@@ -48,7 +53,7 @@ class Cell:
 
     @property
     def markdown(self) -> str:
-        text = self.text.replace("|", "\\|")
+        text = escaped_markdown(self.text) if self.named else self.text
         return f"**{text}**" if self.bold else f"*{text}*" if self.italic else text
 
 
@@ -90,7 +95,7 @@ def audit_table(audit: Audit) -> Table:
         block.append(
             [
                 Cell(level_text(standing.level)),
-                Cell("" if block else standing.reference),
+                Cell("" if block else standing.reference, named=True),
                 Cell("-" if standing.mean is None else estimate_text(standing.mean, audit.unit)),
                 Cell(_cases(standing.cases, standing.failed, standing.skipped)),
             ]
@@ -122,7 +127,8 @@ def markdown(tables: Sequence[Table]) -> str:
     for table in tables:
         rules = [":--" if number in _LEFT_COLUMNS else "--:" for number in range(len(table.header))]
         lines = [table.header, rules, *([cell.markdown for cell in line] for block in table.blocks for line in block)]
-        parts.append(f"### {table.title}\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n")
+        body = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        parts.append(f"### {escaped_markdown(table.title)}\n\n{body}\n")
     return "\n".join(parts)
 
 
@@ -169,7 +175,7 @@ def _block(lines: pd.DataFrame) -> list[list[Cell]]:
         block.append(
             [
                 Cell("" if position else level_text(line["level"], lines["missing"].mean())),
-                Cell(line["completer"], bold=line["completer"] in best, italic=reference),
+                Cell(line["completer"], bold=line["completer"] in best, italic=reference, named=True),
                 *estimates,
                 Cell(_cases(line["cases"], line["failed"], line["skipped"])),
                 Cell("" if math.isnan(line["seconds"]) else f"{line['seconds']:.2f}"),

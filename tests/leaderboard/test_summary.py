@@ -1,9 +1,12 @@
 """Summaries by hand-computed cases: what is counted, paired and shown."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from rows_for_tests import result_row
 
+from pcdbench.cli.results import print_summary
 from pcdbench.leaderboard.render import markdown, number, records, summary_tables
 from pcdbench.leaderboard.summary import reasons, summarize
 
@@ -76,9 +79,18 @@ def test_the_best_completer_stands_out_and_references_do_not_compete(direction, 
     assert "*ground_truth*" in page
 
 
-def test_names_cannot_break_a_markdown_table():
-    page = markdown(summary_tables(summarize([result_row("a|b", [1.0])])))
-    assert "a\\|b" in page
+def test_names_and_errors_cannot_break_markdown(capsys):
+    rows = [
+        result_row("a|b\n*c*", [1.0], task="t\n|u", metric="e|m"),
+        result_row("d", [], task="t\n|u", status="failed", error="no | plane\n\n# in <b>"),
+    ]
+    print_summary(rows, Path("run"), "markdown")
+    title, _, header, rules, *lines = capsys.readouterr().out.splitlines()
+    assert title == "### t \\|u · e\\|m (m; lower is better) · holes"
+    table = [header, rules, *lines[:2]]
+    assert {line.replace("\\|", "").count("|") for line in table} == {8}
+    assert "| **a\\|b \\*c\\*** |" in table[2]
+    assert lines[-1] == "- 1 failed: d on t \\|u: no \\| plane \\# in &lt;b&gt;"
 
 
 def test_a_reason_of_several_completers_is_told_once():
