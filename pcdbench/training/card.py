@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from pcdbench.keys import file_digest
 from pcdbench.runner.provenance import provenance
@@ -67,8 +66,13 @@ def _curve(folder: Path) -> list[dict[str, float | None]]:
         {
             "step": int(line["step"]),
             "hours": round(line["seconds"] / 3600, 3),
-            "loss": round(line["loss"], 5),
-            "validation": round(line["validation_chd"], 4) if pd.notna(line["validation_chd"]) else None,
+            "loss": _rounded(line["loss"], 5),
+            "validation": _rounded(line["validation_chd"], 4),
         }
         for _, line in table.iloc[lines].iterrows()
     ]
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    """None where it is not finite, which JSON has no word for."""
+    return round(value, digits) if np.isfinite(value) else None

@@ -222,13 +222,17 @@ def train(
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
     began, saved, validated, drawn, reported = time.monotonic() - progress.seconds, *(4 * [time.monotonic()])
 
+    held = progress.step  # what the files in `out` hold
+
     def save() -> None:
+        nonlocal held
         save_checkpoint(checkpoint, plain, average, optimizer, vars(progress))
         weights = {name: value for name, value in average.items() if trainee.completes(name)}
         save_weights(out / "weights.safetensors", weights)
         curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
+        held = progress.step
 
-    whole = True  # not in the middle of a step
+    whole = True  # not in the middle of a step, nor of its check
     try:
         while (spent := _of_main(accelerator, budget, progress)) < 1.0:
             share = progress.rate if preset.schedule == "plateau" else _cosine(spent, progress.step)
@@ -238,7 +242,6 @@ def train(
             _step(trainee, network, optimizer, accelerator, examples, progress)
             _lerp(average, plain, progress.step)
             progress.step, progress.seconds = progress.step + 1, time.monotonic() - began
-            whole = True
             if not accelerator.is_main_process:
                 continue
             done = budget.spent(progress.step, progress.seconds) >= 1.0
@@ -251,6 +254,7 @@ def train(
             if validate and (done or due):
                 progress.validated(validate(trainee.completer(_averaged(trainee, average))))
                 validated = time.monotonic()
+            whole = True
             if done or now - saved >= save_every_s:
                 save()
                 saved = time.monotonic()
@@ -261,8 +265,9 @@ def train(
                 report(progress.line(budget))
                 reported = now
     except KeyboardInterrupt:
-        # Half a step is not saved: it would be taken again. The last minute's checkpoint is there.
-        if accelerator.is_main_process and whole:
+        # Half a step is not saved: it would be taken again. Nor is a step without its check, which would not be made
+        # again. The last minute's checkpoint is there; where no step was taken since, the files stay as they are.
+        if accelerator.is_main_process and whole and progress.step != held:
             save()
         raise
     return progress

@@ -22,6 +22,7 @@ from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner.cards import checked_card
 from pcdbench.training import truths as truths_module
 from pcdbench.training.card import write_card
 from pcdbench.training.checkpoint import load_checkpoint, save_weights
@@ -77,6 +78,10 @@ def small_rooms(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def trained(out: Path, steps: int, **options: Any) -> Progress:
     return train(HeightTrainee(), out, Budget(steps=steps), workers=0, report=lambda _: None, device="cpu", **options)
+
+
+def card_of(out: Path, progress: Progress) -> dict[str, Any]:
+    return write_card(out / "weights.safetensors", "height", PairStream(), HeightTrainee.presets["default"], progress)
 
 
 def test_it_learns(tmp_path: Path) -> None:
@@ -225,6 +230,50 @@ def test_ctrl_c_in_the_middle_of_a_step_leaves_the_last_whole_one(tmp_path: Path
     with pytest.raises(KeyboardInterrupt):
         train(stopped, tmp_path / "parts", Budget(steps=5), **options)
     train(Normalised(), tmp_path / "parts", Budget(steps=5), resume=True, **options)
+    whole, parts = ((tmp_path / run / "weights.safetensors").read_bytes() for run in ("whole", "parts"))
+    assert whole == parts
+
+
+def test_ctrl_c_before_the_first_step_leaves_a_training_that_ends_with_a_card_in_json(tmp_path: Path) -> None:
+    class Stopped(HeightTrainee):
+        def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        train(Stopped(), tmp_path, Budget(steps=2), workers=0, report=lambda _: None, device="cpu")
+    progress = trained(tmp_path, 2, resume=True)
+    with pytest.raises(KeyboardInterrupt):
+        train(Stopped(), tmp_path, Budget(steps=4), workers=0, report=lambda _: None, device="cpu", resume=True)
+    assert list(Curve(tmp_path).table()["step"]) == [2]
+    card = card_of(tmp_path, progress)
+    assert checked_card("height", card) == card
+
+
+def test_what_is_not_finite_in_a_curve_is_null_in_the_card(tmp_path: Path) -> None:
+    progress = trained(tmp_path, 1)
+    (tmp_path / "curve.csv").write_text("step,seconds,validation_chd,loss\n0,0.0,,\n1,0.0,inf,0.5\n")
+    card = card_of(tmp_path, progress)
+    assert [(point["loss"], point["validation"]) for point in card["curve"]] == [(None, None), (0.5, None)]
+
+
+def test_ctrl_c_in_a_check_leaves_the_check_to_the_resumption(tmp_path: Path) -> None:
+    class Seen(HeightTrainee):
+        def completer(self, network: nn.Module) -> Completer:
+            return Standing()
+
+    checks = iter([1.0, 1.0, KeyboardInterrupt])
+
+    def interrupted(_: object) -> float:
+        check = next(checks)
+        if check is KeyboardInterrupt:
+            raise KeyboardInterrupt
+        return check
+
+    options = {"workers": 0, "report": lambda _: None, "device": "cpu", "preset": HeightTrainee.presets["published"]}
+    train(Seen(), tmp_path / "whole", Budget(steps=6), validate=lambda _: 1.0, **options)
+    with pytest.raises(KeyboardInterrupt):
+        train(Seen(), tmp_path / "parts", Budget(steps=6), validate=interrupted, save_every_s=0.0, **options)
+    train(Seen(), tmp_path / "parts", Budget(steps=6), validate=lambda _: 1.0, resume=True, **options)
     whole, parts = ((tmp_path / run / "weights.safetensors").read_bytes() for run in ("whole", "parts"))
     assert whole == parts
 
