@@ -26,7 +26,7 @@ from pcdbench.training.curve import Curve
 from pcdbench.training.precision import bfloat16_pays
 from pcdbench.training.stream import PairStream
 from pcdbench.training.trainee import Example, Preset, Trainee
-from pcdbench.weights import Weights
+from pcdbench.weights import CARD_SUFFIX, Weights
 from pcdbench.workers import end_as_a_group
 
 AVERAGE_DECAY = 0.998
@@ -227,8 +227,11 @@ def train(
     def save() -> None:
         nonlocal held
         save_checkpoint(checkpoint, plain, average, optimizer, vars(progress))
+        path = out / "weights.safetensors"
         weights = {name: value for name, value in average.items() if trainee.completes(name)}
-        save_weights(out / "weights.safetensors", weights)
+        # The card of a training that ended and goes on would describe other weights, and have these refused.
+        path.with_suffix(CARD_SUFFIX).unlink(missing_ok=True)
+        save_weights(path, weights)
         curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
         held = progress.step
 

@@ -256,6 +256,24 @@ def test_what_is_not_finite_in_a_curve_is_null_in_the_card(tmp_path: Path) -> No
     assert [(point["loss"], point["validation"]) for point in card["curve"]] == [(None, None), (0.5, None)]
 
 
+def test_a_training_that_goes_on_has_weights_that_load_until_it_ends(tmp_path: Path) -> None:
+    class Stopped(HeightTrainee):
+        steps = 0
+
+        def collate(self, examples: Any) -> list[Example]:
+            self.steps += 1
+            if self.steps > 2:
+                raise KeyboardInterrupt
+            return list(examples)
+
+    weights = tmp_path / "weights.safetensors"
+    card_of(tmp_path, trained(tmp_path, 1))
+    assert Weights(weights, str(weights), "height").card is not None
+    with pytest.raises(KeyboardInterrupt):
+        train(Stopped(), tmp_path, Budget(steps=9), workers=0, report=lambda _: None, device="cpu", resume=True)
+    assert self_steps(tmp_path) == 3 and Weights(weights, str(weights), "height").card is None
+
+
 def test_ctrl_c_in_a_check_leaves_the_check_to_the_resumption(tmp_path: Path) -> None:
     class Seen(HeightTrainee):
         def completer(self, network: nn.Module) -> Completer:
