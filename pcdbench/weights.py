@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -87,14 +87,19 @@ class Weights:
         self.begin(network)
         return network.eval()
 
-    def begin(self, network: Any) -> None:
+    def begin(self, network: Any, needed: Callable[[str], bool] = lambda _: True) -> None:
         """Give the `torch.nn.Module` these weights; whether it is training does not change.
+
+        Args:
+            needed: whether the file must hold this tensor; the network keeps its own where it need not and does not.
 
         Raises:
             PcdbenchError: where the file is not safetensors, or holds another network.
         """
         try:
-            network.load_state_dict(self.tensors())
+            tensors = self.tensors()
+            own = {name: value for name, value in network.state_dict().items() if not needed(name)}
+            network.load_state_dict(own | tensors)
         except RuntimeError as error:
             first = str(error).strip().splitlines()[-1].strip()
             raise PcdbenchError(

@@ -202,7 +202,7 @@ def train(
     accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")
     plain, progress = trainee.network(), Progress()
     if start is not None:
-        start.begin(plain)
+        start.begin(plain, trainee.completes)
         progress.begun_from = start.origin()
     optimizer = _optimizer(trainee, plain, preset)
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}

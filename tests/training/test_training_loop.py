@@ -178,6 +178,10 @@ def test_what_only_training_needs_is_left_out_of_the_weights(tmp_path: Path) -> 
     train(Half(), tmp_path, Budget(steps=1), workers=0, report=lambda _: None, device="cpu")
     weights = Weights(tmp_path / "weights.safetensors", str(tmp_path / "weights.safetensors"), "half")
     assert set(weights.tensors()) == {"0.weight", "0.bias"}
+    # What they leave out begins anew.
+    train(Half(), tmp_path / "more", Budget(steps=1), workers=0, report=lambda _: None, device="cpu", start=weights)
+    with pytest.raises(PcdbenchError, match="another network than half"):
+        trained(tmp_path / "all", 1, start=weights)
 
 
 def test_weights_are_halved_but_where_float16_cannot_hold_them(tmp_path: Path) -> None:
