@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from pcdbench.errors import PluginError, first_problem
+from pcdbench.errors import PcdbenchError, PluginError, first_problem
 from pcdbench.keys import canonical_json
 from pcdbench.plugins import did_you_mean, registry
 
@@ -23,6 +23,31 @@ class CardShape(BaseModel):
     """What boards read of a model card."""
 
     trained_on: list[_Seen] = []
+
+
+class _Begun(CardShape):
+    begun_from: _Begun | None = None
+
+
+def seen_along(card: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What is in `trained_on` of a card and of the weights that these were begun from, each entry once.
+
+    Raises:
+        PcdbenchError: where one of them is not as `Completer.model_card` says.
+    """
+    try:
+        _Begun.model_validate(card)
+    except ValidationError as error:
+        raise PcdbenchError(
+            f"a model card does not say what the weights were trained on ({first_problem(error)}); "
+            'its trained_on is a list of {"dataset": NAME}, each with a "split", a list of "scenes", or neither'
+        ) from None
+    seen: list[dict[str, Any]] = []
+    at: Mapping[str, Any] | None = card
+    while at is not None:
+        seen += [entry for entry in at.get("trained_on", ()) if entry not in seen]
+        at = at.get("begun_from")
+    return seen
 
 
 def checked_card(name: str, card: Any) -> dict[str, Any] | None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from pcdbench.keys import file_digest
+from pcdbench.runner.cards import seen_along
 from pcdbench.runner.provenance import provenance
 from pcdbench.training.curve import Curve
 from pcdbench.training.loop import Progress
@@ -25,20 +26,22 @@ LICENSE = "Apache-2.0"
 def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, progress: Progress) -> dict[str, Any]:
     """Write the card of a weights file beside it and return it.
 
-    Its keys: completer, sha256, bytes, license, trained_on (data set, version, split), augmentation, seed, preset,
-    steps, pairs, hours, begun_from (what is known of the weights it began from), validation (with what it means),
-    curve (step, hours, loss, validation), date, and what `run.json` says of code, packages and machine.
+    Its keys: completer, sha256, bytes, license, trained_on (data set, version, split; then what the weights it began
+    from were trained on), augmentation, seed, preset, steps, pairs, hours, begun_from (what is known of the weights it
+    began from), validation (with what it means), curve (step, hours, loss, validation), date, and what `run.json` says
+    of code, packages and machine.
     """
     from accelerate import PartialState
 
     from pcdbench.datasets.synthetic import Indoor
 
+    seen = {"dataset": "indoor", "version": Indoor.version, "split": "train"}
     card: dict[str, Any] = {
         "completer": name,
         "sha256": file_digest(weights),
         "bytes": weights.stat().st_size,
         "license": LICENSE,
-        "trained_on": [{"dataset": "indoor", "version": Indoor.version, "split": "train"}],
+        "trained_on": seen_along({"trained_on": [seen], "begun_from": progress.begun_from}),
         "augmentation": asdict(stream.recipe),
         "seed": stream.seed,
         "preset": asdict(preset),

@@ -20,6 +20,7 @@ from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError, first_problem, told
 from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
+from pcdbench.runner.cards import seen_along
 from pcdbench.threads import children_limited, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
 from pcdbench.training.curve import Curve
@@ -185,8 +186,8 @@ def train(
         report: takes the progress line, now and then.
 
     Raises:
-        PcdbenchError: where the checkpoint, or `start`, is of another network, or where `validate` would have no
-            completer to ask.
+        PcdbenchError: where the checkpoint, or `start`, is of another network, where boards could not read
+            the card of `start`, or where `validate` would have no completer to ask.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -204,6 +205,7 @@ def train(
     if start is not None:
         start.begin(plain, trainee.completes)
         progress.begun_from = start.origin()
+        seen_along(progress.begun_from)  # not hours later, when the card is written
     optimizer = _optimizer(trainee, plain, preset)
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
     if accelerator.is_main_process:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -211,6 +212,22 @@ def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
     assert curves[1]["loss"].iloc[0] < 0.8 * curves[0]["loss"].iloc[0]
     told = write_card(second / "weights.safetensors", "height", PairStream(), preset, progress)["begun_from"]
     assert told["sha256"] == card["sha256"] and told["steps"] == 40 and told["begun_from"] is None
+
+
+def test_what_the_weights_it_began_from_were_trained_on_it_was_trained_on(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    card = card_of(first, trained(first, 1))
+    leak = {"dataset": "indoor", "split": "test"}
+    # The older kind of card: what its weights began from is told under `begun_from` alone.
+    card |= {"begun_from": {"trained_on": [leak, card["trained_on"][0]]}}
+    told = first / "weights.card.json"
+    told.write_text(json.dumps(card))
+    weights = first / "weights.safetensors"
+    tuned = card_of(second, trained(second, 1, start=Weights(weights, str(weights), "height")))
+    assert tuned["trained_on"] == [card["trained_on"][0], leak]
+    told.write_text(json.dumps(card | {"trained_on": "indoor"}))
+    with pytest.raises(PcdbenchError, match=r"trained on \(trained_on: input should be a valid list"):
+        trained(tmp_path / "third", 1, start=Weights(weights, str(weights), "height"))
 
 
 def test_ctrl_c_in_the_middle_of_a_step_leaves_the_last_whole_one(tmp_path: Path) -> None:
