@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Trainee
 
 from .patch_truth import TRUTH_POINTS, evenly, true_patches
 from .patches import Patches
+from .patchwise import PatchwiseOptions
 
 PATCHES = 8  # of a cloud, drawn anew each time: they know nothing of each other, and many clouds teach more
 FOUND = 1024  # points a patch, drawn anew each time, that the loss looks at
@@ -18,13 +20,18 @@ FOUND = 1024  # points a patch, drawn anew each time, that the loss looks at
 class PatchTrainee(Trainee):
     """Examples for networks that complete each patch on its own."""
 
-    def __init__(self, grid: int = 5) -> None:
-        """Train on patches of a grid of this size."""
-        self.grid = grid
+    def __init__(self, options: PatchwiseOptions | None = None) -> None:
+        """Train on patches of these options' grid; the others count in validation, but for weights."""
+        self.options = PatchwiseOptions.model_validate({}) if options is None else options
+
+    @classmethod
+    def for_options(cls, options: Options) -> PatchTrainee:
+        assert isinstance(options, PatchwiseOptions)
+        return cls(options)
 
     def patches(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """`points` (P, 1024, 3) of some patches, and their truth: `truth` (U, 3) of the patches `truth_of` (U,)."""
-        every = Patches.of(pair.complete.select(pair.kept).points, self.grid, rng)
+        every = Patches.of(pair.complete.select(pair.kept).points, self.options.grid, rng)
         assert every is not None  # the fullest of G x G cells holds a mean cell's points at least
         some = every.select(np.sort(rng.permutation(len(every.number))[:PATCHES]))
         truth = pair.truth.points[evenly(pair.truth.points, TRUTH_POINTS, rng)]

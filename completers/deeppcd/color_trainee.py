@@ -12,6 +12,7 @@ from torch.nn import functional as F
 
 import pcdbench
 from pcdbench.geometry.neighbors import nearest
+from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
@@ -19,6 +20,7 @@ from ..patch_trainee import PATCHES
 from ..patch_truth import true_rows
 from ..patches import Patches
 from .color import ColorNetwork
+from .completer import DeepPCDOptions
 from .inference import painted
 from .neighborhoods import Neighborhoods
 from .trainee import EPOCH, NEIGHBORHOODS
@@ -43,9 +45,14 @@ class ColorTrainee(Trainee):
         "published": Preset(learning_rate=2e-4, batch=2, weight_decay=0.0, steps=500 * EPOCH // 2),
     }
 
-    def __init__(self, grid: int = 5) -> None:
-        """Train on patches of a grid of this size."""
-        self.grid = grid
+    def __init__(self, options: DeepPCDOptions | None = None) -> None:
+        """Train on patches of these options' grid; the others play no part."""
+        self.options = DeepPCDOptions.model_validate({}) if options is None else options
+
+    @classmethod
+    def for_options(cls, options: Options) -> ColorTrainee:
+        assert isinstance(options, DeepPCDOptions)
+        return cls(options)
 
     def network(self) -> nn.Module:
         return ColorNetwork()
@@ -63,14 +70,14 @@ class ColorTrainee(Trainee):
     def completer(self, network: nn.Module) -> pcdbench.Completer:
         """A completer that paints anew what is there and completes nothing: its Chamfer distance is the input's."""
         assert isinstance(network, ColorNetwork)
-        return _PaintedAnew(network, self.grid)
+        return _PaintedAnew(network, self.options.grid)
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """Some observed patches with colours and neighbourhoods, and `truth` (P, 512, 3) points of the same patches
         with `truth_colors` (P, 512, 3).
         """
         observed = pair.complete.select(pair.kept)
-        every = Patches.of(observed.points, self.grid, rng)
+        every = Patches.of(observed.points, self.options.grid, rng)
         assert every is not None  # the fullest of G x G cells holds a mean cell's points at least
         patches = every.select(np.sort(rng.permutation(len(every.number))[:PATCHES]))
         assert pair.truth.colors is not None

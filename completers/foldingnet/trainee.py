@@ -32,7 +32,7 @@ class FoldingNetTrainee(PatchTrainee):
 
     def completer(self, network: nn.Module) -> FoldingNet:
         assert isinstance(network, FoldingNetNetwork)
-        return FoldingNet(network=network)
+        return FoldingNet(self.options, network=network)
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """Eight patches with their `neighbors` (8, 1024, 16), and the points to fold: `chosen` (8, 1024)."""

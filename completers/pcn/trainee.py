@@ -33,7 +33,7 @@ class PCNTrainee(PatchTrainee):
 
     def completer(self, network: nn.Module) -> PCN:
         assert isinstance(network, PCNNetwork)
-        return PCN(network=network)
+        return PCN(self.options, network=network)
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """Eight patches and the fine points to fold: `chosen` (8, 1024)."""

@@ -7,22 +7,26 @@ from completer_cases import box_room
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pcdbench_completers.deeppcd.color_trainee import PAINTED, ColorTrainee
-from pcdbench_completers.deeppcd.completer import DeepPCDOptions
+from pcdbench_completers.deeppcd.completer import DeepPCD, DeepPCDOptions
 from pcdbench_completers.deeppcd.trainee import NEIGHBORHOODS, DeepPCDTrainee
+from pcdbench_completers.foldingnet.completer import FoldingNet
 from pcdbench_completers.foldingnet.trainee import FoldingNetTrainee
 from pcdbench_completers.patch_truth import distances_by_patch, evenly, true_patches
 from pcdbench_completers.patches import Patches
+from pcdbench_completers.patchwise import PatchwiseOptions
+from pcdbench_completers.pcn.completer import PCN
 from pcdbench_completers.pcn.trainee import PCNTrainee
 
+from pcdbench.plugins import load_target
 from pcdbench.training.chamfer import matched, mean_by_group
 from pcdbench.training.stream import TrainingPair
 
 TRAINEES = {
     "deeppcd": DeepPCDTrainee(DeepPCDOptions(grid=1)),
     "flat": DeepPCDTrainee(DeepPCDOptions(grid=1, generator=False, plane_points=256)),
-    "color": ColorTrainee(grid=1),
-    "pcn": PCNTrainee(grid=1),
-    "foldingnet": FoldingNetTrainee(grid=1),
+    "color": ColorTrainee(DeepPCDOptions(grid=1)),
+    "pcn": PCNTrainee(PatchwiseOptions(grid=1)),
+    "foldingnet": FoldingNetTrainee(PatchwiseOptions(grid=1)),
 }
 
 
@@ -113,6 +117,17 @@ def test_true_patches_lie_where_their_patches_do():
     cell = (metric[:, :2] - patches.grid.low[:2]) / patches.grid.side_m / patches.grid.extent[:2] * 3
     border = patches.cells[of]
     assert ((cell > border - 0.011) | (border == 0)).all() and ((cell < border + 1.011) | (border == 2)).all()
+
+
+@pytest.mark.parametrize("target", [DeepPCD.trainee, DeepPCD.color_trainee, PCN.trainee, FoldingNet.trainee])
+def test_training_and_validation_cut_by_the_options(target, pair, monkeypatch):
+    of, grids = Patches.of, []
+    monkeypatch.setattr(Patches, "of", lambda points, grid, rng: (grids.append(grid), of(points, grid, rng))[1])
+    options = DeepPCDOptions if "deeppcd" in target else PatchwiseOptions
+    trainee = load_target(target).for_options(options(grid=2))
+    assert len(example(trainee, pair)["points"]) == 4
+    trainee.completer(trainee.network().eval()).complete(pair.complete, np.random.default_rng(0))
+    assert grids == [2, 2]
 
 
 @pytest.mark.parametrize("name", TRAINEES)
