@@ -50,7 +50,8 @@ def train(
     there = (out / "checkpoint.safetensors").exists()
     if there and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
-    trainee = load_trainee(name, target, _options(completer_name, completer, option or ()))
+    options = _options(completer_name, completer, option or ())
+    trainee = load_trainee(name, target, options)
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
     chosen = trainee.presets[preset]
@@ -78,6 +79,7 @@ def train(
         start=None if start is None else Weights(start, str(start), name),
         resume=resume,
         name=name,
+        options=options,
         device=device,
         workers=workers,
         validate=Validation(),

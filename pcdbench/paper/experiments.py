@@ -138,7 +138,8 @@ def _trained(experiment: Experiment, out: Path, place: Place) -> tuple[Path, Map
     completer = registry().get("completer", entry.name).load()
     if completer.trainee is None:
         raise PcdbenchError(f"{entry.name} learns nothing, so there is nothing to train")
-    trainee = load_trainee(entry.name, completer.trainee, completer.Options.model_validate(entry.options))
+    options = completer.Options.model_validate(entry.options)
+    trainee = load_trainee(entry.name, completer.trainee, options)
     stream, preset = PairStream(), trainee.presets["default"]
     place.report(f"training {experiment.trained}")
     assert place.budget is not None
@@ -150,6 +151,7 @@ def _trained(experiment: Experiment, out: Path, place: Place) -> tuple[Path, Map
         stream=stream,
         resume=True,
         name=entry.name,
+        options=options,
         validate=Validation(),
         report=lambda line: place.report(f"{experiment.trained}: {line}"),
     )

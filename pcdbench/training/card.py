@@ -26,10 +26,10 @@ LICENSE = "Apache-2.0"
 def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, progress: Progress) -> dict[str, Any]:
     """Write the card of a weights file beside it and return it.
 
-    Its keys: completer, sha256, bytes, license, trained_on (data set, version, split; then what the weights it began
-    from were trained on), augmentation, seed, preset, steps, pairs, hours, begun_from (what is known of the weights it
-    began from), validation (with what it means), curve (step, hours, loss, validation), date, and what `run.json` says
-    of code, packages and machine.
+    Its keys: completer, sha256, bytes, license, trained_on (data set, version, split; then what the weights it
+    began from were trained on), augmentation, seed, preset, options (of the completer, those that are not at their
+    default), steps, pairs, hours, begun_from (what is known of the weights it began from), validation (with what it
+    means), curve (step, hours, loss, validation), date, and what `run.json` says of code, packages and machine.
     """
     from accelerate import PartialState
 
@@ -45,6 +45,7 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
         "augmentation": asdict(stream.recipe),
         "seed": stream.seed,
         "preset": asdict(preset),
+        "options": progress.options or {},
         "steps": progress.step,
         "pairs": progress.step * preset.batch * PartialState().num_processes,
         "hours": round(progress.seconds / 3600, 3),

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError, first_problem, told
 from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
+from pcdbench.options import Options
 from pcdbench.runner.cards import seen_along
 from pcdbench.threads import children_limited, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
@@ -78,6 +80,8 @@ class Progress:
         begun_from: which weights it began from (`Weights.origin`), if any.
         seed: of the stream, which a resumption must have, too.
         name: of what is trained (`deeppcd.color`), likewise.
+        preset: likewise.
+        options: those of the completer that are not at their default, likewise.
     """
 
     step: int = 0
@@ -91,6 +95,8 @@ class Progress:
     begun_from: dict[str, Any] | None = None
     seed: int | None = None
     name: str | None = None
+    preset: Preset | None = None
+    options: dict[str, Any] | None = None
 
     def validated(self, error: float) -> None:
         """Take a new validation error and, after too many without a better one, lower the rate."""
@@ -163,6 +169,7 @@ def train(
     start: Weights | None = None,
     resume: bool = False,
     name: str | None = None,
+    options: Options | None = None,
     device: str = "auto",
     workers: int = 1,
     validate: Callable[[Any], float] | None = None,
@@ -180,14 +187,16 @@ def train(
         start: weights of the same network to begin from.
         resume: go on from the checkpoint in `out`, if there is one: the next examples are those that would have come.
         name: of the completer, or of its part; a checkpoint that holds another one is refused by its name.
+        options: those of the completer; a checkpoint of others is refused, and the model card tells them.
         device: `auto`, `cpu` or `cuda`. Several GPUs and machines are used where `accelerate launch` starts this.
         workers: loader processes that prepare examples.
         validate: the validation error of a completer; the progress line and the curve show it.
         report: takes the progress line, now and then.
 
     Raises:
-        PcdbenchError: where the checkpoint, or `start`, is of another network, where boards could not read
-            the card of `start`, or where `validate` would have no completer to ask.
+        PcdbenchError: where the checkpoint, or `start`, is of another network, where the checkpoint is of another seed,
+            preset or options, where boards could not read the card of `start`, or where `validate` would have no
+            completer to ask.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -211,15 +220,16 @@ def train(
     if accelerator.is_main_process:
         for torn in out.glob(UNFINISHED):
             torn.unlink()
+    given = {} if options is None else options.model_dump(mode="json", exclude_defaults=True)
     checkpoint, curve = out / "checkpoint.safetensors", Curve(out)
     if resume and checkpoint.exists():
         progress = resumed(checkpoint, plain, average, optimizer, name)
+        _require_same(checkpoint, progress, stream.seed, preset, given, trainee.presets)
         curve.cut(progress.step)
-        if progress.seed not in (None, stream.seed):
-            raise PcdbenchError(f"{checkpoint} is of seed {progress.seed}; go on with --seed {progress.seed}")
     else:
         curve.cut(-1)
     progress.seed, progress.name = stream.seed, name or progress.name
+    progress.preset, progress.options = preset, given
     network, optimizer = accelerator.prepare(plain, optimizer)
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
     began, saved, validated, drawn, reported = time.monotonic() - progress.seconds, *(4 * [time.monotonic()])
@@ -228,7 +238,7 @@ def train(
 
     def save() -> None:
         nonlocal held
-        save_checkpoint(checkpoint, plain, average, optimizer, vars(progress))
+        save_checkpoint(checkpoint, plain, average, optimizer, asdict(progress))
         path = out / "weights.safetensors"
         weights = {name: value for name, value in average.items() if trainee.completes(name)}
         # The card of a training that ended and goes on would describe other weights, and have these refused.
@@ -276,6 +286,26 @@ def train(
             save()
         raise
     return progress
+
+
+def _require_same(
+    checkpoint: Path,
+    progress: Progress,
+    seed: int,
+    preset: Preset,
+    options: Mapping[str, Any],
+    presets: Mapping[str, Preset],
+) -> None:
+    """Refuse to go on with a training otherwise than it began, where the checkpoint tells how."""
+    if progress.seed not in (None, seed):
+        raise PcdbenchError(f"{checkpoint} is of seed {progress.seed}; go on with --seed {progress.seed}")
+    if progress.preset not in (None, preset):
+        name = next((name for name, one in presets.items() if one == progress.preset), None)
+        if name is None:
+            raise PcdbenchError(f"{checkpoint} is of a preset that is not there any more; give another --out")
+        raise PcdbenchError(f"{checkpoint} is of preset {name}; go on with --preset {name}")
+    if progress.options not in (None, options):
+        raise PcdbenchError(f"{checkpoint} is of options {json.dumps(progress.options)}; go on with the same --option")
 
 
 def _require_completer(trainee: Trainee) -> None:

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 import torch
 from accelerate import Accelerator
-from safetensors.torch import load_file
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 from torch import nn
 from typer.testing import CliRunner
 
@@ -23,6 +24,7 @@ from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError
+from pcdbench.options import Options
 from pcdbench.runner.cards import checked_card
 from pcdbench.training import truths as truths_module
 from pcdbench.training.card import write_card
@@ -324,6 +326,28 @@ def test_another_seed_does_not_go_on_with_a_training(tmp_path: Path) -> None:
     assert trained(tmp_path, 4, stream=PairStream(3), resume=True).step == 4
 
 
+def test_another_preset_or_other_options_do_not_go_on_with_a_training(tmp_path: Path) -> None:
+    class Size(Options):
+        grid: int = 5
+        color: str = "nearest"
+
+    published, checkpoint = HeightTrainee.presets["published"], tmp_path / "checkpoint.safetensors"
+    trained(tmp_path, 2, options=Size(grid=7))
+    with pytest.raises(PcdbenchError, match="is of preset default; go on with --preset default"):
+        trained(tmp_path, 4, options=Size(grid=7), preset=published, resume=True)
+    with pytest.raises(PcdbenchError, match=r'is of options \{"grid": 7\}; go on with the same --option'):
+        trained(tmp_path, 4, resume=True)
+    progress = trained(tmp_path, 4, options=Size(grid=7, color="nearest"), resume=True)
+    assert progress.step == 4 and card_of(tmp_path, progress)["options"] == {"grid": 7}
+    # The older kind of checkpoint tells of neither.
+    with safe_open(checkpoint, "pt") as stored:
+        tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 - not a mapping
+        told = json.loads(stored.metadata()["progress"])
+    del told["preset"], told["options"]
+    save_file(tensors, checkpoint, {"progress": json.dumps(told)})
+    assert trained(tmp_path, 5, preset=published, resume=True).step == 5
+
+
 def test_a_checkpoint_tells_of_what_it_is(tmp_path: Path) -> None:
     trained(tmp_path, 2, name="height")
     with pytest.raises(PcdbenchError, match="holds a training of height, not of width; train height, or give another"):
@@ -397,13 +421,14 @@ def test_resuming_where_nothing_is_begins_from_nothing_and_says_so(tmp_path: Pat
     asked = []
 
     def stopped(*_: Any, **given: Any) -> None:
-        asked.append(given["resume"])
+        asked.append((given["resume"], given["options"].threshold))
         raise PcdbenchError("stopped")
 
     monkeypatch.setattr("pcdbench.training.loop.train", stopped)
-    ended = CliRunner().invoke(app, ["train", "voxel_unet", "--steps", "1", "--resume", "--out", str(tmp_path / "new")])
+    options = ["--steps", "1", "--resume", "--option", "voxel_unet.threshold=0.5"]
+    ended = CliRunner().invoke(app, ["train", "voxel_unet", *options, "--out", str(tmp_path / "new")])
     told = f"{tmp_path / 'new'} holds no checkpoint to resume: the training begins from nothing\n"
-    assert asked == [True] and ended.stderr == f"{told}pcdbench: stopped\n"
+    assert asked == [(True, 0.5)] and ended.stderr == f"{told}pcdbench: stopped\n"
 
 
 def test_a_loss_that_is_not_finite_ends_it_before_the_checkpoint_is_lost(tmp_path: Path) -> None:
