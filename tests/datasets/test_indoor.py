@@ -71,6 +71,28 @@ def test_environments_are_the_same_on_every_machine(index):
     assert environment_digests(index) == expected
 
 
+@pytest.mark.parametrize("index", [1, 13])
+def test_what_touches_a_wall_is_in_the_room_however_numpy_rounds(index, monkeypatch):
+    """As on a processor by whose vector unit every third sine is off by a last bit."""
+    before = environment_digests(index)
+    rng = np.random.default_rng(1)
+
+    def rounded_otherwise(function):
+        def wrapped(*its, **options):
+            value = np.asarray(function(*its, **options), np.float64)
+            off = np.nextafter(value, rng.choice([-9.0, 9.0]))
+            return np.where(rng.random(value.shape) < 0.3, off, value)[()]
+
+        return wrapped
+
+    for name in ("sin", "cos", "arctan2"):
+        monkeypatch.setattr(np, name, rounded_otherwise(getattr(np, name)))
+    environment.cache_clear()
+    after = environment_digests(index)
+    environment.cache_clear()
+    assert after == before
+
+
 @pytest.mark.parametrize("name", CROPS)
 def test_clouds_are_the_same_on_every_machine(scenes, name):
     """Of 500 committed points of the complete cloud, 495 are there to a micrometre; counts are within 0.1 %."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -91,7 +92,7 @@ def _classroom(placement: Placement, room: Room) -> None:
     rng = placement.rng
     low, high = room.outline.min(axis=0), room.outline.max(axis=0)
     front = long_yaw(room) - np.pi / 2 if rng.uniform() < 0.5 else long_yaw(room) + np.pi / 2
-    ahead = np.array([-np.sin(front), np.cos(front)])
+    ahead = np.array([-math.sin(front), math.cos(front)])
     size = abs(ahead @ (high - low)), abs(np.array([ahead[1], -ahead[0]]) @ (high - low))
     side = np.array([ahead[1], -ahead[0]])
     middle = (low + high) / 2

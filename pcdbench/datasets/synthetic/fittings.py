@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from pcdbench.datasets.synthetic.groups import any_of, long_yaw
@@ -65,7 +67,7 @@ def _centered(placement: Placement, room: Room, name: str, start: Floats, end: F
     """Put a wall piece in front of the middle of a wall's interval, whatever is in the wall there."""
     along = (end - start) / np.hypot(*(end - start))
     x, y = start + along * middle + np.array([-along[1], along[0]]) * 0.01
-    placement.put(room, name, placement.build(name), float(x), float(y), float(np.arctan2(along[1], along[0])))
+    placement.put(room, name, placement.build(name), float(x), float(y), math.atan2(along[1], along[0]))
 
 
 def put_on_ceiling(placement: Placement, room: Room) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +14,7 @@ from pcdbench.datasets.synthetic.plan import Floats
 
 LARGEST_REACH_M = 4.5
 
-_RIM = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [0, -1], [1, 0], [0, 1], [-1, 0]], np.float64)
+_RIM = ((-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0))
 
 
 @dataclass(frozen=True)
@@ -28,14 +30,19 @@ class Footprint:
     z1: float
 
     def corners(self) -> Floats:
-        """(8, 2) its corners and the middles of its sides."""
+        """(8, 2) its corners and the middles of its sides.
+
+        What hangs on a wall touches it, and the last bit says whether it is in the room or not. So that bit is the same
+        on every processor: matrix products round as the processor's instructions do, numpy's sines as well.
+        """
         cos, sin = self.heading
-        return np.array([self.x, self.y]) + _RIM * [self.half_x, self.half_y] @ np.array([[cos, sin], [-sin, cos]])
+        rim = [(across * self.half_x, along * self.half_y) for across, along in _RIM]
+        return np.array([(self.x + _fused(-b, sin, a * cos), self.y + _fused(b, cos, a * sin)) for a, b in rim])
 
     @cached_property
     def heading(self) -> tuple[float, float]:
         """The cosine and the sine of its yaw."""
-        return float(np.cos(self.yaw_rad)), float(np.sin(self.yaw_rad))
+        return math.cos(self.yaw_rad), math.sin(self.yaw_rad)
 
     @cached_property
     def radius(self) -> float:
@@ -51,7 +58,7 @@ class Footprint:
         if dx * dx + dy * dy > reach * reach:
             return False
         turn = other.yaw_rad - self.yaw_rad
-        c, s = abs(float(np.cos(turn))), abs(float(np.sin(turn)))
+        c, s = abs(math.cos(turn)), abs(math.sin(turn))
         for one, b in ((self, other), (other, self)):
             ex, ey = one.half_x, one.half_y
             cos, sin = one.heading
@@ -65,6 +72,11 @@ class Footprint:
         cos, sin = self.heading
         dx, dy = points[:, 0] - self.x, points[:, 1] - self.y
         return bool(((abs(dx * cos + dy * sin) < self.half_x) & (abs(dy * cos - dx * sin) < self.half_y)).any())
+
+
+def _fused(a: float, b: float, c: float) -> float:
+    """a b + c, rounded once (`math.fma` is there from Python 3.13 on)."""
+    return float(Fraction(a) * Fraction(b) + Fraction(c))
 
 
 class Footprints:

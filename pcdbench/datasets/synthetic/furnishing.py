@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
@@ -50,13 +52,13 @@ def _free_floor(plan: Plan, placement: Placement) -> tuple[FreeFloor, NDArray[np
         if opening.kind in ("door", "passage"):
             along = (opening.end - opening.start) / opening.width
             x, y = opening.center
-            yaw = float(np.arctan2(along[1], along[0]))
+            yaw = math.atan2(along[1], along[0])
             doorway = Footprint(x, y, opening.width / 2, 0.25, yaw, 0.0, 2.0)
             if opening.kind == "passage" or opening.swing_deg > 40:
                 _fill(free, doorway, low, True)
             if opening.kind == "door":
                 turn = yaw + np.radians(opening.swing_deg)
-                middle = opening.start + opening.width / 2 * np.array([np.cos(turn), np.sin(turn)])
+                middle = opening.start + opening.width / 2 * np.array([math.cos(turn), math.sin(turn)])
                 leaf = Footprint(middle[0], middle[1], opening.width / 2, 0.05, turn, 0.0, 2.0)
                 _fill(free, leaf, low, False)
     for footprint in placement.solid:
@@ -82,7 +84,7 @@ def _fill(grid: NDArray[np.bool_], footprint: Footprint, origin: Floats, value: 
             (origin[0] + (i + 0.5) * CELL_M, origin[1] + (j + 0.5) * CELL_M), (footprint.x, footprint.y), strict=True
         )
     )
-    cos, sin = np.cos(footprint.yaw_rad), np.sin(footprint.yaw_rad)
+    cos, sin = footprint.heading
     touched = (np.abs(dx * cos + dy * sin) < footprint.half_x + CELL_M / 2) & (
         np.abs(dy * cos - dx * sin) < footprint.half_y + CELL_M / 2
     )

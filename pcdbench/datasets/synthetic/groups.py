@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from pcdbench.datasets.synthetic.furniture import FURNITURE
@@ -76,7 +78,7 @@ def put_chairs_around(placement: Placement, room: Room, table: Placed, name: str
     if is_round:
         count = max(3, int(2 * np.pi * half[0] / 0.85))
         for angle in np.arange(count) * 2 * np.pi / count + rng.uniform(0, 6):
-            spots.append((half[0] * np.cos(angle), half[0] * np.sin(angle), angle))
+            spots.append((half[0] * math.cos(angle), half[0] * math.sin(angle), angle))
     else:
         for axis in (0, 1):
             if axis == 1 and not ends:
@@ -86,13 +88,13 @@ def put_chairs_around(placement: Placement, room: Room, table: Placed, name: str
                 along = (k - (count - 1) / 2) * 2 * half[axis] / count
                 for side in (-1.0, 1.0):
                     x, y = (along, side * half[1]) if axis == 0 else (side * half[0], along)
-                    angle = np.arctan2(side, 0.0) if axis == 0 else (0.0 if side > 0 else np.pi)
+                    angle = math.atan2(side, 0.0) if axis == 0 else (0.0 if side > 0 else np.pi)
                     spots.append((x, y, angle))
     for x, y, angle in spots:
         if rng.uniform() < 0.12:
             continue
         out = float(rng.uniform(0.05, 0.35)) if rng.uniform() < 0.8 else float(rng.uniform(0.4, 0.7))
-        local = middle + np.array([x + out * np.cos(angle), y + out * np.sin(angle)])
+        local = middle + np.array([x + out * math.cos(angle), y + out * math.sin(angle)])
         sx, sy = table.to_scene(local[None])[0]
         yaw = table.pose[3] + angle + np.pi / 2 + spin(placement, 9.0 if out < 0.35 else 28.0)
         placement.put(room, name, placement.build(name), float(sx), float(sy), float(yaw), 0.0, 0.0, table)
@@ -158,7 +160,7 @@ def put_table_somewhere(
 def put_island(placement: Placement, room: Room, x: float, y: float, yaw: float, pairs: int) -> int:
     """Desks face to face in two rows; how many there were room for."""
     rng = placement.rng
-    cos, sin = np.cos(yaw), np.sin(yaw)
+    cos, sin = math.cos(yaw), math.sin(yaw)
     seed = int(rng.integers(0, 2**63))
     done = 0
     for k in range(pairs):
@@ -194,7 +196,7 @@ def put_seating(placement: Placement, room: Room, x: float, y: float, yaw: float
             continue
         angle = k * np.pi / 2 - np.pi / 2
         out = half[1 - k % 2] + float(rng.uniform(0.75, 1.0))
-        sx, sy = table.to_scene(np.array([[out * np.cos(angle), out * np.sin(angle)]]))[0]
+        sx, sy = table.to_scene(np.array([[out * math.cos(angle), out * math.sin(angle)]]))[0]
         seat = placement.put(
             room,
             name,

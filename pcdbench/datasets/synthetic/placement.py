@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,7 @@ class Placed:
 
     def to_scene(self, local: Floats) -> Floats:
         """(N, 2) points of the piece's own frame in the scene's."""
-        cos, sin = np.cos(self.pose[3]), np.sin(self.pose[3])
+        cos, sin = math.cos(self.pose[3]), math.sin(self.pose[3])
         return np.array(self.pose[:2]) + np.asarray(local) @ np.array([[cos, sin], [-sin, cos]])
 
 
@@ -48,7 +49,7 @@ class Placement:
             if opening.z0 < 0.1 and opening.kind in ("door", "passage"):
                 along = (opening.end - opening.start) / opening.width
                 x, y = opening.center
-                yaw = float(np.arctan2(along[1], along[0]))
+                yaw = math.atan2(along[1], along[0])
                 self.kept_clear.append(Footprint(x, y, opening.width / 2 + 0.1, DOOR_DEPTH_M, yaw, 0.0, 2.3))
 
     def build(self, name: str) -> Built:
@@ -78,7 +79,7 @@ class Placement:
         """
         # In Python's floats here and below: arithmetic with numpy's takes three times as long.
         (x0, y0, z0), (x1, y1, z1) = built.corners
-        cos, sin = float(np.cos(yaw_rad)), float(np.sin(yaw_rad))
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
         cx, cy = (x0 + x1) / 2, (y0 + y1) / 2
         footprint = Footprint(
             x + cx * cos - cy * sin,
@@ -179,11 +180,11 @@ class Placement:
             if hidden and first < b + 0.08 and first + width > a - 0.08:
                 return None
         turn = float(self.rng.uniform(-jitter_rad, jitter_rad)) if jitter_rad else 0.0
-        off = off_m + abs(float(np.sin(turn))) * width / 2
+        off = off_m + abs(math.sin(turn)) * width / 2
         left, back = (high[0], high[1]) if flipped else (-low[0], -low[1])
         x = start_x + along_x * (first + left) - along_y * (off + back)
         y = start_y + along_y * (first + left) + along_x * (off + back)
-        yaw = float(np.arctan2(along_y, along_x)) + turn + (np.pi if flipped else 0.0)
+        yaw = math.atan2(along_y, along_x) + turn + (math.pi if flipped else 0.0)
         return self.put(room, name, built, x, y, yaw, z, gap)
 
     def on_top(self, room: Room, holder: Placed, names: list[str], chance: float = 0.8, at_most: int = 6) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -162,8 +163,8 @@ def cut_corner(outline: Floats, corner: int, ways: str, size: tuple[float, float
     elif ways == "slant":
         corners = [here + u, here + v]
     else:
-        turn = np.linspace(0.0, np.pi / 2, 9)[:, None]
-        corners = list(here + u * (1 - np.sin(turn)) + v * (1 - np.cos(turn)))
+        turns = [step * math.pi / 16 for step in range(9)]
+        corners = [here + u * (1 - math.sin(turn)) + v * (1 - math.cos(turn)) for turn in turns]
     return np.concatenate([outline[:corner], corners, outline[corner + 1 :]])
 
 
