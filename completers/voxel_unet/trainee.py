@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from pcdbench.completer import Completer
+from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
@@ -31,16 +32,26 @@ class VoxelUNetTrainee(Trainee):
 
     presets: ClassVar = {"default": Preset(learning_rate=2e-3, batch=2)}
 
-    def __init__(self, widths: tuple[int, ...] = WIDTHS, voxel_spacings: float = VOXEL_SPACINGS) -> None:
-        """The study of the network's size trains others than the one that is shipped."""
-        self._widths, self._voxel_spacings = widths, voxel_spacings
+    def __init__(
+        self,
+        widths: tuple[int, ...] = WIDTHS,
+        voxel_spacings: float = VOXEL_SPACINGS,
+        options: VoxelUNetCompleter.Options | None = None,
+    ) -> None:
+        """The study of the network's size trains others than the one that is shipped; options count in validation."""
+        self._widths, self._voxel_spacings, self._options = widths, voxel_spacings, options
+
+    @classmethod
+    def for_options(cls, options: Options) -> VoxelUNetTrainee:
+        assert isinstance(options, VoxelUNetCompleter.Options)
+        return cls(options=options)
 
     def network(self) -> nn.Module:
         return VoxelUNet(self._widths)
 
     def completer(self, network: nn.Module) -> Completer:
         assert isinstance(network, VoxelUNet)
-        return VoxelUNetCompleter(network=network, voxel_spacings=self._voxel_spacings)
+        return VoxelUNetCompleter(self._options, network=network, voxel_spacings=self._voxel_spacings)
 
     def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """`features` (13, X, Y, Z) and, by sub-voxel: `state` (2X, 2Y, 2Z) uint8, 0 empty, 1 occupied, plus 2 beside

@@ -28,7 +28,7 @@ def train(
     preset: Annotated[str, typer.Option(help="How the optimizer goes about it.")] = "default",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     option: Annotated[
-        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer that changes its network.")
+        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer, for training and validation.")
     ] = None,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Decides the data and the first weights.")] = 0,
     workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that prepare examples.")] = 1,

@@ -74,6 +74,12 @@ def coordinate_and_color_names(names: Sequence[str]) -> tuple[list[str], list[st
     return xyz, _first_of(_COLOR_NAMES, written)
 
 
+def unit_of(name: str) -> str:
+    """The unit in a coordinate's name, as written there; empty where there is none."""
+    found = _UNIT.search(name.strip("\"' ").lower())
+    return "" if found is None else found.group().strip(" _[]()").replace("coord", "")
+
+
 def _first_of(candidates: Sequence[tuple[str, ...]], written: Mapping[str, str]) -> list[str]:
     """The first of the candidates that is there completely, as written; [] where none is."""
     found = (candidate for candidate in candidates if all(name in written for name in candidate))

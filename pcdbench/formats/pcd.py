@@ -184,10 +184,12 @@ def _ascii_rows(stream: BinaryIO, row_type: np.dtype[Any], count: int, path: Pat
         # Coordinates stay double: text may hold more digits than the named type.
         is_coordinate = name in ("x", "y", "z")
         if base.kind in "iu" and not is_coordinate and beyond_double(column):
-            # Not where they are written with a point or an exponent, as floating-point numbers are.
-            with suppress(ValueError):
+            # Not where they are written with a point or an exponent, as floating-point numbers are: NumPy 1.26 cuts
+            # these off.
+            with suppress(ValueError, DeprecationWarning):
                 stream.seek(first)
-                column = _ascii_numbers(stream, count, base, range(start, start + width)).reshape(column.shape)
+                whole = _ascii_numbers(stream, count, base, range(start, start + width)).reshape(column.shape)
+                column = whole if np.array_equal(whole.astype(np.float64), column) else column
         rows[name] = column if is_coordinate else column.astype(base)
         start += width
     return rows

@@ -28,6 +28,7 @@ from pcdbench.formats.columns import (
     coordinate_and_color_names,
     flat_fields,
     unit_colors,
+    unit_of,
 )
 
 _COMMENT = re.compile(r"\s*(#|//)\s*")
@@ -49,17 +50,20 @@ class _Layout:
 def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     """The points of a text file.
 
-    Columns are found by their names where a header line (or the comment before the first row) has x, y and z,
-    otherwise by place, with a warning where there is a header: x y z, then, in files of six columns and more, red green
-    blue. Three columns of unit vectors in that place are normals. Of seven columns the fourth is an intensity where it
-    cannot be a colour, or where the first line is a number of points, as in PTS files. Fields without a name have that
-    of their place (`column_7`).
+    Columns are found by their names where a header line (or the comment before the first row) has x, y and z, otherwise
+    by place, with a warning where a line that is no comment names them: x y z, then, in files of six columns and more,
+    red green blue. Three columns of unit vectors in that place are normals. Of seven columns the fourth is an intensity
+    where it cannot be a colour, or where the first line is a number of points, as in PTS files. Fields without a name
+    have that of their place (`column_7`).
     """
     layout = _layout(path)
     if layout.columns < 3:
         raise CloudError(f"{path} has {layout.columns} columns where x y z are needed; check its separators")
     xyz, rgb = coordinate_and_color_names(layout.names)
     if xyz:
+        if unit_of(xyz[0]) not in ("", "m"):
+            told = f"{path}: its header gives x in {unit_of(xyz[0])}; coordinates are taken as metres, so convert them"
+            warnings.warn(told, CloudWarning, 4)
         others = [name for name in layout.names if name in wanted and name not in xyz + rgb]
         numbers, others = _with_others(path, layout, xyz + rgb, others)
         names = xyz + rgb + others
@@ -84,9 +88,14 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         raise CloudError(f"{path} is cut off: {len(numbers):,} of {layout.promised:,} points are there; copy it again")
     fields = {name: column[name] for name in column if name in wanted and name not in xyz + rgb}
     for name in [name for name in fields if beyond_double(fields[name])]:
-        # Not where they are written with a point or an exponent, as floating-point numbers are.
-        with suppress(ValueError):
-            fields[name] = _read(path, layout, [places[names.index(name)]], np.dtype(np.int64))[:, 0]
+        for kind in (np.int64, np.uint64):
+            # Not where they are written with a point or an exponent, as floating-point numbers are: NumPy 1.26 cuts
+            # these off.
+            with suppress(ValueError, DeprecationWarning):
+                whole = _read(path, layout, [places[names.index(name)]], np.dtype(kind))[:, 0]
+                if np.array_equal(whole.astype(np.float64), fields[name]):
+                    fields[name] = whole
+                    break
     colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path) if rgb else None
     return Columns(np.stack([column[name] for name in xyz], axis=1), colors, fields)
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pcdbench.leaderboard.summary import level_text
 from pcdbench.paths import file_name
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor, Failure
@@ -46,7 +47,7 @@ def write_case_picture(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
         except Failure:
             continue
     path = folder / f"case_{file_name(first.scene)}_{case.level:.3g}.png"
-    title = f"{first.scene}: {case.level:.0%} missing ({first.incompleteness.name})"
+    title = f"{first.scene}: {level_text(first.level, case.level)} missing ({first.incompleteness.name})"
     write_picture(path, clouds, title, case.scene.complete)
     return path
 
@@ -55,7 +56,8 @@ def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
     """Write what each task draws of its rows.
 
     Returns:
-        The files `<task>_<name>.png` in `folder`, and a line for each task that failed to draw.
+        The files `<task>_<name>.png` in `folder` (`<task>_<name>_<incompleteness>.png` where there are several), and a
+        line for each task that failed to draw.
     """
     written, problems = [], []
     for plugin in plan.tasks:

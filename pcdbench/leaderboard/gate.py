@@ -243,7 +243,7 @@ def _value_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], alter
     tests = []
     for label, where, its in _by_data(committed, pairs):
         if len(its) < FEWEST_CASES:
-            told = f"metrics of {label}{where}: that takes {FEWEST_CASES} cases, and there are {len(its)}"
+            told = f"metrics of {label}{where} were not compared: {len(its)} cases, and {FEWEST_CASES} are needed"
             yield Finding("note", label, "", told)
             continue
         for task in committed.tasks:

@@ -72,7 +72,8 @@ def read_results(folder: str | Path, *, samples: bool = False) -> pd.DataFrame:
 
 
 def read_figures(folder: str | Path) -> Figures:
-    """What the tasks of a run draw of its results, drawn anew: matplotlib figures by `<task>_<name>`.
+    """What the tasks of a run draw of its results, drawn anew: matplotlib figures by `<task>_<name>`
+    (`<task>_<name>_<incompleteness>` where there are several).
 
     A task that fails to draw is a warning.
 

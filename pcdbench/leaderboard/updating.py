@@ -9,6 +9,7 @@ from pcdbench.leaderboard.board import Board, BoardTask
 from pcdbench.leaderboard.building import comparisons_of, in_order, rankings_of
 from pcdbench.leaderboard.gate import case_key, changed_protocols, paired, reference_changes
 from pcdbench.leaderboard.saw_test import seen_in_training
+from pcdbench.leaderboard.summary import level_text
 
 
 def updated(board: Board, fresh: Board) -> Board:
@@ -28,7 +29,8 @@ def updated(board: Board, fresh: Board) -> Board:
     strange = next((case for case in fresh.cases if case_key(fresh, case) not in number), None)
     if strange is not None:
         where = (
-            f"{strange.scene} ({strange.incompleteness}, {strange.level:.0%}, split {fresh.data[strange.data].split})"
+            f"{strange.scene} ({strange.incompleteness}, {level_text(strange.level)}, "
+            f"split {fresh.data[strange.data].split})"
         )
         raise PcdbenchError(f"the board {board.name} has no case {where}; run its suite, or build a board of its own")
     for task in fresh.tasks:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pcdbench.leaderboard.board_figures import draw_distributions, styles_of, svg_style
+from pcdbench.leaderboard.summary import level_text
 from pcdbench.paper.numbers import Numbers
 from pcdbench.paper.publication import Bars, Distribution, Drawn, ShownCurve
 
@@ -64,7 +65,7 @@ def _distributions(drawn: Distribution, numbers: Numbers) -> Figure | None:
     for panel, (level, samples) in zip(panels, of_level.items(), strict=True):
         shown = {name: its for name, its in samples.items() if not drawn.completers or name in drawn.completers}
         draw_distributions(panel, shown, styles_of(list(shown), numbers.references(drawn.run)), direction)
-        panel.set(title=f"{level:.0%} missing", xlabel=f"{metric} ({unit.split(',')[0]})", ylim=(0, 1))
+        panel.set(title=f"{level_text(level)} missing", xlabel=f"{metric} ({unit.split(',')[0]})", ylim=(0, 1))
         panel.ticklabel_format(axis="x", scilimits=(-2, 4))
     panels[0].set_ylabel("share of samples")
     return _with_legend(figure, panels[0])
@@ -112,6 +113,6 @@ def _bars(drawn: Bars, numbers: Numbers) -> Figure | None:
                     first = not any(text == "published" for text in panel.get_legend_handles_labels()[1])
                     label = "published" if first else None
                     panel.plot(at, bar.value, ls="none", marker="D", ms=5, mfc="white", color="black", label=label)
-    panel.set_xticks(range(len(drawn.levels)), [f"{level:.0%} missing" for level in drawn.levels])
+    panel.set_xticks(range(len(drawn.levels)), [f"{level_text(level)} missing" for level in drawn.levels])
     panel.set_ylabel(drawn.column.heading)
     return _with_legend(figure, panel) if measured else None

@@ -29,8 +29,11 @@ class _Begun(CardShape):
     begun_from: _Begun | None = None
 
 
-def seen_along(card: Mapping[str, Any]) -> list[dict[str, Any]]:
+def seen_along(card: Mapping[str, Any], where: str) -> list[dict[str, Any]]:
     """What is in `trained_on` of a card and of the weights that these were begun from, each entry once.
+
+    Args:
+        where: whose card it is, for messages.
 
     Raises:
         PcdbenchError: where one of them is not as `Completer.model_card` says.
@@ -39,7 +42,7 @@ def seen_along(card: Mapping[str, Any]) -> list[dict[str, Any]]:
         _Begun.model_validate(card)
     except ValidationError as error:
         raise PcdbenchError(
-            f"a model card does not say what the weights were trained on ({first_problem(error)}); "
+            f"the model card of {where} does not say what the weights were trained on ({first_problem(error)}); "
             'its trained_on is a list of {"dataset": NAME}, each with a "split", a list of "scenes", or neither'
         ) from None
     seen: list[dict[str, Any]] = []

@@ -41,7 +41,7 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
         "sha256": file_digest(weights),
         "bytes": weights.stat().st_size,
         "license": LICENSE,
-        "trained_on": seen_along({"trained_on": [seen], "begun_from": progress.begun_from}),
+        "trained_on": seen_along({"trained_on": [seen], "begun_from": progress.begun_from}, str(weights)),
         "augmentation": asdict(stream.recipe),
         "seed": stream.seed,
         "preset": asdict(preset),

@@ -214,7 +214,7 @@ def train(
     if start is not None:
         start.begin(plain, trainee.completes)
         progress.begun_from = start.origin()
-        seen_along(progress.begun_from)  # not hours later, when the card is written
+        seen_along(progress.begun_from, str(start.path))  # not hours later, when the card is written
     optimizer = _optimizer(trainee, plain, preset)
     average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
     if accelerator.is_main_process:

@@ -57,7 +57,7 @@ class Trainee(ABC):
 
     @classmethod
     def for_options(cls, options: Options) -> Trainee:
-        """The trainee of a completer with these options, for completers some of whose options change the network."""
+        """The trainee for these options; override it where they change network, examples or validation."""
         return cls()
 
     @abstractmethod

@@ -364,6 +364,11 @@ def test_colours_are_those_of_observed_surface_beside_it_and_the_networks_far_of
     assert np.abs(added.colors[beyond] - 0.5).max() < 0.05
 
 
+def test_validation_completes_with_the_options_of_the_training():
+    trainee = VoxelUNetTrainee.for_options(VoxelUNetCompleter.Options(threshold=0.5))
+    assert trainee.completer(trainee.network()).options.threshold == 0.5
+
+
 @trained
 def test_it_fills_the_hole_in_a_floor_and_keeps_every_point() -> None:
     complete = room(9000)

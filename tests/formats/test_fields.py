@@ -128,9 +128,13 @@ def test_fields_keep_their_numbers_and_types(tmp_path, extension):
 @pytest.mark.parametrize("extension", [extension for extension in WITH_FIELDS if extension != ".ply"])
 def test_whole_numbers_beyond_double_precision_keep_their_digits(tmp_path, extension):
     stamps = 1_700_000_000_123_456_789 + np.arange(200)
-    write_cloud(marked()[0], tmp_path / f"a{extension}", {"label": np.arange(200), "stamp_ns": stamps})
+    hashes = np.arange(200, dtype=np.uint64) + np.uint64(2**64 - 1000)
+    fields = {"label": np.arange(200), "stamp_ns": stamps, "hash": hashes, "large": 1e17 + 16.0 * np.arange(200)}
+    write_cloud(marked()[0], tmp_path / f"a{extension}", fields)
     back = fields_of(tmp_path / f"a{extension}")
     np.testing.assert_array_equal(back["stamp_ns"], stamps)
+    np.testing.assert_array_equal(back["hash"], hashes)
+    np.testing.assert_array_equal(back["large"], fields["large"])
     np.testing.assert_array_equal(back["label"], np.arange(200))
 
 

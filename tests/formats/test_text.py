@@ -67,6 +67,12 @@ def test_a_header_without_coordinates_is_warned_of(tmp_path):
     np.testing.assert_array_equal(cloud.points, EXPECTED)
 
 
+def test_a_header_of_another_unit_than_metres_is_warned_of(tmp_path):
+    (tmp_path / "a.csv").write_text("X (ft),Y (ft),Z (ft)\n1.5,2,3.25\n4,-5.5,6\n")
+    with pytest.warns(CloudWarning, match=r"its header gives x in ft; coordinates are taken as metres"):
+        read_cloud(tmp_path / "a.csv")
+
+
 def test_map_coordinates_keep_their_digits(tmp_path):
     (tmp_path / "a.xyz").write_text("1234567.8912 7654321.0987 512.3456\n")
     np.testing.assert_array_equal(read_cloud(tmp_path / "a.xyz").points, [[1234567.8912, 7654321.0987, 512.3456]])

@@ -32,8 +32,8 @@ class Footprint:
     def corners(self) -> Floats:
         """(8, 2) its corners and the middles of its sides.
 
-        What hangs on a wall touches it, and the last bit says whether it is in the room or not. So that bit is the same
-        on every processor: matrix products round as the processor's instructions do, numpy's sines as well.
+        What hangs on a wall touches it, and the last bit says whether it is in the room or not. So that bit depends
+        neither on numpy's vectorised sines nor on matrix products, which round as a processor's instructions do.
         """
         cos, sin = self.heading
         rim = [(across * self.half_x, along * self.half_y) for across, along in _RIM]

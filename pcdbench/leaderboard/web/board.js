@@ -112,7 +112,7 @@ class Board {
 
   levelText(setting) {
     const { level, missing } = this.settings[setting];
-    if (level) return percent(level);
+    if (level) return `${+(100 * level).toPrecision(3)} %`;
     return missing === null ? "as measured" : `about ${percent(missing)}`;
   }
 
