@@ -199,7 +199,7 @@ def test_each_data_set_is_compared_by_itself(tmp_path):
 
 def test_a_data_set_of_too_few_cases_is_told(tmp_path):
     few = check(on_two(tmp_path, "one", 1.0, count=3), on_two(tmp_path, "two", 1.3, count=3))
-    assert few.holds and "of a on rooms small: that takes 4 cases, and there are 3" in verdict_text(few)
+    assert few.holds and "of a on rooms small were not compared: 3 cases, and 4 are needed" in verdict_text(few)
 
 
 def test_a_reference_that_differs_in_a_few_cases_is_told_and_no_regression(tmp_path):
