@@ -198,14 +198,12 @@ def write(
             stream.write(f"{len(cloud)}\n")
         if is_csv or fields:
             stream.write(f"{'' if is_csv else '# '}{separator.join(names)}\n")
-        # In pieces: all columns as doubles at once would take as much memory again as the cloud.
+        line = separator.join(formats) + "\n"
+        # In pieces: all columns as Python's numbers at once would take many times the memory of the cloud.
         for start in range(0, len(cloud), _ROWS_A_PIECE):
-            parts = [column[start : start + _ROWS_A_PIECE] for column in columns]
-            if any(map(beyond_double, parts)):
-                rows = zip(*(part for whole in parts for part in np.atleast_2d(whole.T)), strict=True)
-                stream.writelines(separator.join(formats) % row + "\n" for row in rows)
-            else:
-                np.savetxt(stream, np.column_stack(parts), fmt=formats, delimiter=separator)
+            parts = [column[start : start + _ROWS_A_PIECE].T for column in columns]
+            rows = zip(*(numbers.tolist() for part in parts for numbers in np.atleast_2d(part)), strict=True)
+            stream.writelines(line % row for row in rows)
 
 
 def _layout(path: Path) -> _Layout:
