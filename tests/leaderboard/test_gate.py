@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from executor_for_tests import InThisProcess
 from runs_for_tests import full_row, store_run
 
 from pcdbench.errors import PcdbenchError
@@ -16,8 +17,6 @@ from pcdbench.leaderboard.building import board_of_runs
 from pcdbench.leaderboard.gate import Finding, Verdict, _rejected_by_holm, check
 from pcdbench.leaderboard.gate_report import verdict_junit, verdict_markdown, verdict_text
 from pcdbench.plugins import registry
-from pcdbench.runner.completions import CompletionCache
-from pcdbench.runner.execute import Executor
 from pcdbench.runner.plan import Request, plan
 from pcdbench.runner.run import carry_out
 
@@ -26,17 +25,6 @@ CHANGING = Path(__file__).parents[1] / "changing"
 REQUEST = Request(
     ["changing_fill"], ["changing_gap", "changing_voxels"], "tiny", None, ["slab"], [0.3], options=["tiny.scenes=8"]
 )
-
-
-class InThisProcess:
-    """Runs cells here and now, without a cache."""
-
-    workers = 1
-
-    def run(self, jobs, dataset):
-        executor = Executor(dataset, CompletionCache(limit_mb=0))
-        for job in jobs:
-            yield job, executor.rows(job.cell, job.tasks)
 
 
 @pytest.fixture

@@ -3,11 +3,10 @@
 from dataclasses import replace
 
 import pytest
+from executor_for_tests import InThisProcess
 from outcomes_for_tests import outcomes
 
 from pcdbench.errors import PcdbenchError
-from pcdbench.runner.completions import CompletionCache
-from pcdbench.runner.execute import Executor
 from pcdbench.runner.jobs import Job, JobQueue
 from pcdbench.runner.plan import Request, plan
 from pcdbench.runner.progress import RemainingTime, duration
@@ -53,17 +52,6 @@ def test_failed_rows_are_tried_again_and_others_are_not(tmp_path):
     mark.touch()
     second = carry_out(planned, tmp_path / "run", local_processes(1))
     assert (second.new_cells, len(second.failed), len(second.rows)) == (3, 0, 12)
-
-
-class InThisProcess:
-    """Runs cells here and now, without a cache."""
-
-    workers = 1
-
-    def run(self, jobs, dataset):
-        executor = Executor(dataset, CompletionCache(limit_mb=0))
-        for job in jobs:
-            yield job, executor.rows(job.cell, job.tasks)
 
 
 def test_a_run_says_which_machine_measured_its_rows(tmp_path, monkeypatch):
