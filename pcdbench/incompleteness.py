@@ -14,6 +14,8 @@ from pcdbench.scene import Scene
 
 MEASURED = 0.0
 """The level that stands in plans and rows for cases whose missing share is measured, not asked for."""
+UNSEEN_SHARE = "unseen_share"
+"""What a trace calls the share of a completed cloud that was left out: the complete scan could not judge it."""
 
 
 class Incompleteness(ABC):

@@ -14,6 +14,7 @@ from pcdbench.errors import Skipped
 from pcdbench.geometry.scanning import MOST_SURFELS, scanned
 from pcdbench.geometry.surfels import SurfelCloud
 from pcdbench.geometry.visibility import MeshRaycaster
+from pcdbench.incompleteness import UNSEEN_SHARE
 from pcdbench.scene import Scene
 from pcdbench.threads import thread_count
 
@@ -84,7 +85,7 @@ def judged(case: Case, completed: PointCloud) -> tuple[PointCloud, dict[str, flo
     mask = _seen[case.scene].holds(completed.points)
     if not mask.any():
         raise Skipped("the complete scan saw nothing of the space that the completed cloud lies in")
-    return completed.select(mask), {"unseen_share": 1.0 - float(mask.mean())}
+    return completed.select(mask), {UNSEEN_SHARE: 1.0 - float(mask.mean())}
 
 
 _seen: WeakKeyDictionary[Scene, SeenSpace] = WeakKeyDictionary()

@@ -26,21 +26,27 @@ def results(
 
 def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Format) -> None:
     """Print what rows add up to on standard output: tables, or records for programs."""
+    from pcdbench.incompleteness import MEASURED
     from pcdbench.leaderboard.render import LEGEND, escaped_markdown, markdown, print_tables, records, summary_tables
-    from pcdbench.leaderboard.summary import reasons, summarize
+    from pcdbench.leaderboard.summary import reasons, summarize, unseen_shares
 
     summary = summarize(rows)
+    # Real pairs alone have such shares, and rows are read from disk.
+    left_out = unseen_shares(rows) if (summary["level"] == MEASURED).any() else []
     if format == "json":
         typer.echo(json.dumps({"run": str(folder), "summary": records(summary), "reasons": reasons(rows)}, indent=2))
     elif format == "csv":
         typer.echo(summary.to_csv(index=False), nl=False)
     elif format == "markdown":
         lost = "".join(f"- {escaped_markdown(reason)}\n" for reason in reasons(rows))
-        typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{lost}", nl=False)
+        unseen = "".join(f"\n{escaped_markdown(line)}\n" for line in left_out)
+        typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{unseen}{lost}", nl=False)
     else:
         console = table_console()
         print_tables(summary_tables(summary), console)
         console.print(LEGEND, style="dim")
+        for line in left_out:
+            console.print(line, markup=False, soft_wrap=True)
         print_reasons(reasons(rows), console)
 
 

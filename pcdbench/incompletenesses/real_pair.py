@@ -21,7 +21,8 @@ class RealPair(Incompleteness):
     The incomplete cloud is a Poisson-disk sample of the scene's `partial`, with as many points as the complete
     cloud has where `partial` saw something: both have one density. A complete point counts as seen where `partial`
     has a point near; the others are what is missing, and their share is the case's level. Noise and drift of real
-    scans stay in: the incomplete cloud is no part of the complete one.
+    scans stay in: the incomplete cloud is no part of the complete one. Chamfer and SSIM count only what the complete
+    scan saw of what was completed.
     """
 
     class Options(options.Options):

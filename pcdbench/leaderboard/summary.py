@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pcdbench.incompleteness import MEASURED
+from pcdbench.incompleteness import MEASURED, UNSEEN_SHARE
 from pcdbench.leaderboard.statistics import estimates
 from pcdbench.runner.rows import cost_measured
 
@@ -86,6 +86,24 @@ def reasons(rows: Iterable[Mapping[str, Any]]) -> list[str]:
         more = " (and alike)" if len(errors) > 1 else ""
         lines.append(f"{len(its)} {status}: {completers} on {tasks}: {its[0]['error']}{more}")
     return lines
+
+
+def unseen_shares(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """One line for each incompleteness whose complete scans judge only what they saw: the share that was left out."""
+    found: dict[str, dict[str, list[float]]] = {}
+    tasks: dict[str, dict[str, None]] = {}
+    for row in rows:
+        trace = row.get("trace") if row["status"] == "ok" else None
+        share = trace.get(UNSEEN_SHARE) if isinstance(trace, Mapping) else None
+        if isinstance(share, int | float):
+            name = row["incompleteness"]["name"]
+            tasks.setdefault(name, {})[row["task"]["name"]] = None
+            found.setdefault(name, {}).setdefault(row["completer"]["name"], []).append(share)
+    return [
+        f"{name}: {', '.join(tasks[name])} count only what the complete scan saw. Left out of the completed clouds, "
+        f"median (most): {', '.join(f'{its} {np.median(of):.1%} ({max(of):.1%})' for its, of in sorted(by.items()))}"
+        for name, by in found.items()
+    ]
 
 
 def level_text(level: float, missing: float = math.nan) -> str:
