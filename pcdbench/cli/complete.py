@@ -10,9 +10,6 @@ import typer
 if TYPE_CHECKING:
     from pcdbench.cloud import PointCloud
 
-# With fewer points, or where they are farther apart, surfaces of a room are not told from each other.
-_FEWEST, _COARSEST_M = 500, 0.25
-
 
 def complete(
     scan: Annotated[
@@ -109,12 +106,6 @@ def complete(
 
 def _likely_reason(cloud: PointCloud) -> str:
     """Why nothing was added to a cloud."""
-    from pcdbench.completion.tiles import typical_spacing
+    from pcdbench.completion.tiles import too_thin
 
-    spacing = typical_spacing(cloud.points)
-    if len(cloud) < _FEWEST or spacing > _COARSEST_M:
-        return (
-            f"its {len(cloud):,} points, {spacing:,.2f} m apart, hardly show a surface; are they too few, or is its "
-            "unit not metres?"
-        )
-    return "it found no gap that it fills"
+    return too_thin(cloud.points) or "it found no gap that it fills"

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.completion.completed import Completed
-from pcdbench.completion.regions import DOUBTFUL, Region, regions_to_scan
-from pcdbench.completion.tiles import typical_spacing
+from pcdbench.completion.regions import DOUBTFUL, SMALLEST_M2, Region, regions_to_scan
+from pcdbench.completion.tiles import too_thin, typical_spacing
 from pcdbench.errors import PcdbenchError
 from pcdbench.paths import require_writable
 
@@ -101,6 +101,7 @@ def _facts(completed: Completed, source: str, completer: str) -> dict[str, objec
         "doubtful_below": DOUBTFUL,
         "doubtful_points": int((trust < DOUBTFUL).sum()),
         "failures": list(completed.failures),
+        "too_thin": too_thin(completed.cloud.points[: len(completed.cloud) - added]),
     }
 
 
@@ -110,20 +111,27 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
         f"# What to scan again: {source}",
         "",
         f"{completer} added {facts['added_points']:,} points ({facts['added_m2']:,} m2) to "
-        f"{facts['observed_points']:,} observed ones ({facts['observed_m2']:,} m2). {facts['doubtful_points']:,} of "
-        f"them have a confidence below {DOUBTFUL}.",
+        f"{facts['observed_points']:,} observed ones ({facts['observed_m2']:,} m2). Of the added points "
+        f"{facts['doubtful_points']:,} have a confidence below {DOUBTFUL}.",
         "",
     ]
     if regions:
-        lines += [f"Places are in the scan's own frame ({completed.frame.up} is up), metres.", ""]
+        lines += [
+            f"Places are in the scan's own frame ({completed.frame.up} is up), metres; what has less than "
+            f"{SMALLEST_M2} m2 in one place is left out.",
+            "",
+        ]
         lines += [
             "![Plan from above](report.png)",
             "",
-            "| | middle x, y, z (m) | size x, y, z (m) | area (m2) | share | confidence | reason |",
+            "| | middle x, y, z (m) | size x, y, z (m) | area (m2) | share of all surface | confidence | reason |",
             "|---|---|---|---|---|---|---|",
         ]
     for region in regions[:MOST_LISTED]:
-        center, size = (", ".join(f"{value:.1f}" for value in triple) for triple in (region.center_m, region.size_m))
+        # Zero has no sign.
+        center, size = (
+            ", ".join(f"{round(value, 1) + 0.0:.1f}" for value in triple) for triple in (region.center_m, region.size_m)
+        )
         trust = "" if region.confidence is None else f"{region.confidence:.2f}"
         lines.append(
             f"| {region.number} | {center} | {size} | {region.area_m2:.1f} | {100 * region.share:.1f} % | {trust} | "
@@ -131,8 +139,10 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
         )
     if len(regions) > MOST_LISTED:
         lines += ["", f"{len(regions) - MOST_LISTED} smaller ones are in report.json."]
-    if not regions and not completed.failures:
-        lines.append("No region needs to be scanned again.")
+    if facts["too_thin"]:
+        lines += [*([""] if regions else []), f"What to scan again cannot be told of {source}: {facts['too_thin']}"]
+    elif not regions and not completed.failures:
+        lines.append(f"No place of {SMALLEST_M2} m2 or more needs to be scanned again.")
     if completed.failures:
         lines += ["", "The completer failed, and nothing was added, in:", ""]
         lines += [f"- {failure}" for failure in completed.failures]

@@ -24,6 +24,8 @@ TALLEST_ROOM_M = 9.0
 STOREYS_M = 6.0
 # Halo and tile in spacings, where a cloud is so coarse (or its unit so wrong) that metres are too few.
 _HALO_SPACINGS, _LARGEST_SPACINGS = 8.0, 120.0
+# With fewer points, or where they are farther apart, surfaces of a room are not told from each other.
+_FEWEST, _COARSEST_M = 500, 0.25
 _NEIGHBOR_POINTS = 100_000
 _PLAN_POINTS = 2_000_000
 _PLAN_CELL_M = 1.0
@@ -160,6 +162,17 @@ def typical_spacing(points: NDArray[np.float64]) -> float:
     for axis in (1, 2):
         np.maximum(distance, np.abs(points[:, axis] - points[len(points) // 2, axis]), out=distance)
     return median_spacing(points[np.argpartition(distance, _NEIGHBOR_POINTS)[:_NEIGHBOR_POINTS]])
+
+
+def too_thin(points: NDArray[np.float64]) -> str | None:
+    """One line where points are so few or so far apart that they hardly show a surface, and None where they do."""
+    spacing = typical_spacing(points)
+    if len(points) >= _FEWEST and spacing <= _COARSEST_M:
+        return None
+    return (
+        f"its {len(points):,} points, {spacing:,.2f} m apart, hardly show a surface; are they too few, or is its unit "
+        "not metres?"
+    )
 
 
 def _some(points: NDArray[np.float64]) -> NDArray[np.float64]:

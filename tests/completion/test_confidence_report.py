@@ -290,6 +290,25 @@ def test_a_filled_hole_is_no_region(planted):
     assert regions_to_scan(planted), "and an open one is"
 
 
+def test_the_page_is_plain_about_what_it_counts(planted, tmp_path):
+    low = np.round(planted.gaps.min(axis=0), 2)
+    here = replace(planted, gaps=planted.gaps - low - [0.0, 0.04, 0.0])
+    write_report(here, tmp_path / "a", "hall.ply", "idle")
+    page = (tmp_path / "a/report.md").read_text()
+    assert "Of the added points 0 have a confidence below" in page and "| share of all surface |" in page
+    assert "what has less than 0.5 m2 in one place is left out" in page and ", 0.0, " in page and "-0.0" not in page
+
+
+@pytest.mark.parametrize(("factor", "says"), [(1.0, "No place of 0.5 m2 or more needs"), (100.0, "cannot be told")])
+def test_a_scan_that_shows_no_surface_is_not_called_complete(tmp_path, factor, says):
+    scan = PointCloud(np.random.default_rng(0).random((3000, 3)) * [3, 3, 0] * factor)
+    done = pcdbench.complete(scan, Idle())
+    assert write_report(done, tmp_path, "scan.ply", "idle") == []
+    page, facts = (tmp_path / "report.md").read_text(), json.loads((tmp_path / "report.json").read_text())
+    assert says in page and (factor == 1.0) == ("needs to be scanned" in page)
+    assert (facts["too_thin"] is None) == (factor == 1.0)
+
+
 def test_the_folder_that_cannot_be_written_is_named(planted, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(pcdbench.PcdbenchError, match="file cannot be written: Not a directory"):
@@ -346,4 +365,4 @@ def test_a_failed_tile_whose_area_is_not_known_is_said_to_be_left_out(tmp_path, 
         done = pcdbench.complete(floor_of_two_tiles(), FailsAt(2), tile_m=4.5)
     assert write_report(done, tmp_path, "a", "b") == []
     page = (tmp_path / "report.md").read_text()
-    assert "No region needs" not in page and "boom (its area and its gaps are left out)\n" in page
+    assert "needs to be scanned" not in page and "boom (its area and its gaps are left out)\n" in page
