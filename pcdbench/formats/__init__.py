@@ -46,6 +46,8 @@ _MESH_EXTENSIONS = (".obj", ".stl", ".off", ".gltf", ".glb", ".dae", ".fbx", ".3
 
 # What `pcdbench complete` writes of each point: whether it was added (0 or 1), and how far it can be trusted.
 MARKS = ("added", "confidence")
+# What CloudCompare calls them when it saves a PLY file again.
+_MARKS_SAVED_AGAIN = tuple(f"scalar_{name}" for name in MARKS)
 # Of coordinates that a file should hold more finely.
 _COARSEST_STEP_M = 0.002
 
@@ -83,7 +85,7 @@ def read_observed(path: Path, *, with_fields: bool = False) -> tuple[PointCloud,
         CloudError: naming the file and the cure, whatever is wrong with it, and where all of its points were added.
     """
     path = Path(path)
-    cloud, fields = _read(path, EVERYTHING if with_fields else MARKS)
+    cloud, fields = _read(path, EVERYTHING if with_fields else (*MARKS, *_MARKS_SAVED_AGAIN))
     added, others = fields.get(MARKS[0]), {name: values for name, values in fields.items() if name not in MARKS}
     if added is None or MARKS[1] not in fields or not np.isin(added, (0, 1)).all():
         return cloud, fields if with_fields else {}
@@ -211,6 +213,9 @@ def _valid(columns: Columns, path: Path) -> tuple[PointCloud, dict[str, NDArray[
         )
         points, colors = points[valid], None if colors is None else colors[valid]
         fields = {name: values[valid] for name, values in fields.items()}
+    if fields.keys() >= set(_MARKS_SAVED_AGAIN) and not fields.keys() & set(MARKS):
+        named = dict(zip(_MARKS_SAVED_AGAIN, MARKS, strict=True))
+        fields = {named.get(name, name): values for name, values in fields.items()}
     _warn_of_steps(points, path)
     try:
         return PointCloud(points, colors), fields

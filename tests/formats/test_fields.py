@@ -288,6 +288,19 @@ def test_what_a_completion_added_is_no_observation(tmp_path, extension):
     assert len(read_observed(path)[0]) == 200
 
 
+def test_marks_that_cloudcompare_saved_again_are_known(tmp_path):
+    path = tmp_path / "a.ply"
+    cloud, fields = marked()
+    write_cloud(cloud, path, {f"scalar_{name}": np.asarray(values, np.float32) for name, values in fields.items()})
+    back = read_cloud_and_fields(path)[1]
+    assert list(back) == ["added", "confidence"]
+    np.testing.assert_array_equal(back["added"], fields["added"])
+    with pytest.warns(CloudWarning, match="a completion added"):
+        assert len(read_observed(path)[0]) == (~fields["added"]).sum()
+    write_cloud(cloud, path, {"scalar_confidence": fields["confidence"]})
+    assert list(read_cloud_and_fields(path)[1]) == ["scalar_confidence"], "a phone's own, say"
+
+
 def test_single_precision_far_from_the_origin_is_told(tmp_path):
     near = np.random.default_rng(0).uniform(-4, 4, (50, 3))
     for offset, told in ((5_000_000, "steps of 0.5 m"), (400_000, "steps of 0.031 m")):
