@@ -96,7 +96,18 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
                 if np.array_equal(whole.astype(np.float64), fields[name]):
                     fields[name] = whole
                     break
-    colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path) if rgb else None
+    colors = None
+    if rgb:
+        try:
+            colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path)
+        except CloudError as error:
+            if layout.names and set(rgb) <= set(layout.names):
+                raise
+            first = names.index(rgb[0]) + 1
+            raise CloudError(
+                f"{error}; or, if columns {first} to {first + 2} are no colours, write a first line that names all "
+                f"{layout.columns} (x y z intensity ...)"
+            ) from error
     return Columns(np.stack([column[name] for name in xyz], axis=1), colors, fields)
 
 

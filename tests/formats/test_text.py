@@ -100,6 +100,20 @@ def test_broken_files_are_named(tmp_path, content, message):
     assert "a.xyz" in str(caught.value) and "\n" not in str(caught.value)
 
 
+def test_columns_that_are_no_colours_are_to_be_named(tmp_path):
+    rows = "0 1 1.5 2 3.25 -0.5 255 0\n7 8 4 -5.5 6 300.25 0 51\n"
+    (tmp_path / "a.xyz").write_text(rows)
+    with pytest.raises(
+        CloudError, match=r"run from .*; or, if columns 4 to 6 are no colours, write a first line that names all 8"
+    ):
+        read_cloud(tmp_path / "a.xyz")
+    (tmp_path / "a.xyz").write_text(f"row column x y z velocity a b\n{rows}")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "a.xyz").points, EXPECTED)
+    (tmp_path / "a.xyz").write_text(f"x y z red green blue a b\n{rows}")
+    with pytest.raises(CloudError, match=r"8-bit colours$"):
+        read_cloud(tmp_path / "a.xyz")
+
+
 def test_seven_columns_without_names(tmp_path):
     path = tmp_path / "a.xyz"
     rgb = np.array([[255, 0, 51], [0, 51, 255]]) / 255
