@@ -43,7 +43,7 @@ class Figures(Mapping[str, "Figure"]):
     def _repr_html_(self) -> str:
         from pcdbench.viewing.notebook import figures_html
 
-        return figures_html(self.items())
+        return figures_html(self.items()) or "<p>The tasks of this run draw no figures of its results.</p>"
 
 
 def read_results(folder: str | Path, *, samples: bool = False) -> pd.DataFrame:

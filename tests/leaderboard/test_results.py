@@ -89,6 +89,20 @@ def test_figures_are_drawn_from_the_rows_and_a_failing_task_is_a_warning(
     assert figures["draws_cdf"].get_suptitle() == "1 [1.5]"
 
 
+def test_a_run_without_figures_says_so_in_a_notebook(
+    run_of: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class DrawsNone:
+        def figures(self, rows: pd.DataFrame) -> dict[str, Figure]:
+            return {}
+
+    monkeypatch.setattr(selection.Plugin, "build", lambda self: DrawsNone())
+    row = result_row("a", [1.5])
+    row["task"] |= {"version": "1", "options": {}}
+    figures = pcdbench.read_figures(run_of(row))
+    assert not figures and "draw no figures" in figures._repr_html_()
+
+
 def test_each_incompleteness_has_figures_of_its_own(
     run_of: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
