@@ -16,6 +16,8 @@ SAME_POINT_M = 1e-4
 _SHARE_THAT_MAKES_A_COMPLETION = 0.5
 _CORE_QUANTILES = (0.001, 0.999)
 _LOWEST_CEILING_M = 1.8
+# Clouds larger than buildings are, far apart from each other, say, have no ceiling, and levels without number.
+_LARGEST_BUILDING_M = (10_000.0, 10_000.0, 200.0)
 _PLAN_CELL_M = 0.25
 _LEVEL_M = 0.1
 _CEILING_SHARE_OF_PLAN = 0.25
@@ -114,7 +116,7 @@ def ceiling_cut_m(points: NDArray[np.float64]) -> float | None:
     of points, because scanners see ceilings more thinly than desks.
     """
     low, high = np.quantile(points, _CORE_QUANTILES, axis=0)
-    if high[2] - low[2] < _LOWEST_CEILING_M:
+    if high[2] - low[2] < _LOWEST_CEILING_M or (high - low > _LARGEST_BUILDING_M).any():
         return None
     _, cell = np.unique(cell_numbers(points[:, :2], _PLAN_CELL_M), return_inverse=True)
     level = np.floor((points[:, 2] - low[2]) / _LEVEL_M).astype(np.int64)

@@ -1,6 +1,7 @@
 """What is shown of clouds: added points, thinning, far echoes, ceilings; and what packing them costs."""
 
 import base64
+import time
 
 import numpy as np
 import pytest
@@ -91,6 +92,14 @@ def test_the_ceiling_is_found_though_it_is_thin_and_a_cupboard_is_none() -> None
     ceiling = box((0, 0, 2.58), (5, 4, 2.62), 1000)
     cut = ceiling_cut_m(np.concatenate([floor, walls, cupboard, ceiling]))
     assert cut is not None and 2.3 < cut < 2.58
+
+
+@pytest.mark.parametrize("offset", [(4e9, 4e9, 0.0), (0.0, 0.0, 2e4)])
+def test_clouds_farther_apart_than_any_building_have_no_ceiling(offset: tuple[float, ...]) -> None:
+    room = np.concatenate([box((0, 0, 0), (5, 0.1, 2.6), 500), box((0, 0, 2.58), (5, 4, 2.62), 1000)])
+    began = time.perf_counter()
+    assert ceiling_cut_m(np.concatenate([room, room + offset])) is None
+    assert time.perf_counter() - began < 0.5
 
 
 def test_generated_rooms_have_a_ceiling_and_tables_have_none(room: Scene) -> None:
