@@ -44,7 +44,8 @@ def odd_scale(longest_m: float) -> str | None:
     cure = "millimetres or centimetres? Multiply its coordinates by 0.001 or 0.01"
     if longest_m < SMALLEST_M:
         cure = "kilometres or normalised? Multiply its coordinates by what makes them metres"
-    return f"longest side is {longest_m:,.4g} m, odd for an indoor scan; is its unit {cure} and save it again"
+    length = f"{longest_m:,.0f}" if longest_m >= 1000 else f"{longest_m:.4g}"
+    return f"longest side is {length} m, odd for an indoor scan; is its unit {cure} and save it again"
 
 
 def strays(points: NDArray[np.float64]) -> NDArray[np.int64]:

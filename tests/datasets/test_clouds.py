@@ -207,10 +207,13 @@ def test_one_wall_is_enough(tmp_path):
     assert len(opened(tmp_path).scene("wall").complete) == 10
 
 
-@pytest.mark.parametrize(("factor", "guess"), [(1000, "millimetres"), (0.001, "kilometres")])
-def test_odd_scales_are_asked_about_and_left(tmp_path, factor, guess):
+@pytest.mark.parametrize(
+    ("factor", "length", "guess"),
+    [(1000, r"\d,\d{3}", "millimetres"), (5000, r"\d\d,\d{3}", "millimetres"), (0.001, r"0\.00\d+", "kilometres")],
+)
+def test_odd_scales_are_asked_about_and_left(tmp_path, factor, length, guess):
     PointCloud(room().points * factor).write(tmp_path / "odd.npz")
-    with pytest.warns(CloudWarning, match=rf"odd\.npz: its longest side .* {guess}"):
+    with pytest.warns(CloudWarning, match=rf"odd\.npz: its longest side is {length} m, .* {guess}"):
         scene = opened(tmp_path).scene("odd")
     np.testing.assert_allclose(scene.dense.points, room().points * factor)
 
