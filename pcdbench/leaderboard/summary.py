@@ -99,11 +99,14 @@ def unseen_shares(rows: Iterable[Mapping[str, Any]]) -> list[str]:
             name = row["incompleteness"]["name"]
             tasks.setdefault(name, {})[row["task"]["name"]] = None
             found.setdefault(name, {}).setdefault(row["completer"]["name"], []).append(share)
-    return [
-        f"{name}: {', '.join(tasks[name])} count only what the complete scan saw. Left out of the completed clouds, "
-        f"median (most): {', '.join(f'{its} {np.median(of):.1%} ({max(of):.1%})' for its, of in sorted(by.items()))}"
-        for name, by in found.items()
-    ]
+    lines = []
+    for name, of_completers in found.items():
+        said = [f"{its} {np.median(of):.1%} ({max(of):.1%})" for its, of in sorted(of_completers.items())]
+        lines.append(
+            f"{name}: in {', '.join(tasks[name])} only what the complete scan saw counts. Left out of the completed "
+            f"clouds, median (most): {', '.join(said)}"
+        )
+    return lines
 
 
 def level_text(level: float, missing: float = math.nan) -> str:

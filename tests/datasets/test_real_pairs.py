@@ -256,7 +256,7 @@ def test_a_run_of_pairs_says_how_much_was_missing(folder, tmp_path):
     shares = [row["trace"]["unseen_share"] for row in rows if row["completer"]["name"] == "incomplete"]
     assert max(shares) < 0.05
     said = f"incomplete {np.median(shares):.1%} ({max(shares):.1%})"
-    assert "real_pair: chamfer, ssim count only what the complete scan saw. Left out" in ended.stdout
+    assert "real_pair: in chamfer, ssim only what the complete scan saw counts. Left out" in ended.stdout
     assert said in ended.stdout
 
 
