@@ -27,6 +27,7 @@ _COLOR_NAMES = (
     ("r", "g", "b"),
     ("diffuse_red", "diffuse_green", "diffuse_blue"),
     ("rf", "gf", "bf"),
+    *((f"{name}{mark}0", f"{name}{mark}1", f"{name}{mark}2") for name in ("rgb", "rgba") for mark in ":_"),
 )
 # What may follow a coordinate's name: X[m], x (ft), X_m, x coord.
 _UNIT = re.compile(r"[ _]?[\[(]\w+[\])]$|[ _](?:mm|cm|m|ft|coord)$")

@@ -179,7 +179,7 @@ def _read(path: Path, layout: _Layout, places: list[int], kind: np.dtype[Any]) -
 def holds_points(path: Path) -> bool:
     """Whether the first rows of a text file look like points; notes and tables do not."""
     try:
-        return _layout(path).columns >= 3
+        return _layout(path, with_words=False).columns >= 3
     except (CloudError, OSError):
         return False
 
@@ -217,8 +217,12 @@ def write(
             stream.writelines(line % row for row in rows)
 
 
-def _layout(path: Path) -> _Layout:
-    """How the file is laid out, from its first lines."""
+def _layout(path: Path, with_words: bool = True) -> _Layout:
+    """How the file is laid out, from its first lines.
+
+    Args:
+        with_words: rows may hold words (labels) beside the coordinates and colours that a header names.
+    """
     with path.open("rb") as stream:
         start = stream.read(4096)
     if start.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
@@ -235,7 +239,7 @@ def _layout(path: Path) -> _Layout:
         words = [word.strip("\"' \t") for word in text.split(separator)]
         if _COMMENT.match(line):
             names = words if coordinate_and_color_names(words)[0] else names
-        elif words and all(map(_is_number, words)):
+        elif words and (all(map(_is_number, words)) or (with_words and _has_named_numbers(words, names))):
             # Some programs write the number of points before the first of them.
             if len(words) > 1 or not words[0].isdecimal():
                 names = _told_apart(names) if len(names) == len(words) else []
@@ -262,6 +266,12 @@ def _told_apart(names: list[str]) -> list[str]:
         taken.add(found)
         unique.append(found)
     return unique
+
+
+def _has_named_numbers(words: list[str], names: list[str]) -> bool:
+    """Whether a row has numbers where its header names x, y, z, red, green and blue, whatever the rest of it is."""
+    xyz, rgb = coordinate_and_color_names(names) if len(names) == len(words) else ([], [])
+    return bool(xyz) and all(_is_number(words[names.index(name)]) for name in xyz + rgb)
 
 
 def _is_number(word: str) -> bool:

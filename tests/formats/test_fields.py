@@ -385,6 +385,17 @@ def test_columns_that_are_not_all_numbers_are_left_out_and_told(tmp_path):
     assert len(read_cloud(tmp_path / "a.csv")) == 2
 
 
+def test_labels_may_be_words_where_a_header_names_the_rest(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("x,y,z,label,scan\n0,0,0,wall,5\n1,2,3,chair,6\n")
+    with pytest.warns(CloudWarning, match=r"a\.csv: label: not a number in every row, left out"):
+        cloud, fields = read_cloud_and_fields(path)
+    assert cloud.points.tolist() == [[0, 0, 0], [1, 2, 3]] and list(fields) == ["scan"]
+    path.write_text("label,x,y,z\nwall,0,0,zero\n")
+    with pytest.raises(CloudError, match="no rows of numbers"):
+        read_cloud(path)
+
+
 def test_names_with_blanks_between_tabs(tmp_path):
     header = "x\ty\tz\tscan angle\tgps time\tintensity\n"
     (tmp_path / "a.txt").write_text(header + "0\t0\t0\t1\t2\t3\n1\t1\t1\t4\t5\t6\n")

@@ -50,6 +50,7 @@ def test_points_without_color(tmp_path, text, recwarn):
         "1.5 2 3.25 255 0 51 99 98\n4 -5.5 6 0 51 255 97 96\n",
         '"X","Y","Z","Intensity","R","G","B"\n1.5,2,3.25,7,255,0,51\n4,-5.5,6,7,0,51,255\n',
         "//X Y Z Rf Gf Bf\n1.5 2 3.25 1 0 0.2\n4 -5.5 6 0 0.2 1\n",
+        '"RGB:0","RGB:1","RGB:2","Points:0","Points:1","Points:2"\n255,0,51,1.5,2,3.25\n0,51,255,4,-5.5,6\n',
         "//X Y Z Intensity red green blue\n1.5 2 3.25 7 255 0 51\n4 -5.5 6 7 0 51 255\n",
     ],
 )
