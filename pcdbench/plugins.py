@@ -121,7 +121,7 @@ class Registration:
         """
         try:
             cls = load_target(self.target)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise PluginError(
                 f"{self.kind} {self.name!r} from {self.origin} cannot be loaded from {self.target}: {told(error)}"
             ) from error
@@ -172,6 +172,10 @@ class Registry:
     def clashes(self) -> list[str]:
         """One line for each name that two plugins claim."""
         return [_clash(both) for _, both in sorted(self._found.items()) if len(both) > 1]
+
+    def clashing(self, kind: Kind) -> dict[str, str]:
+        """By name, for each name of a kind that two plugins claim, the line that says so."""
+        return {name: _clash(both) for (its, name), both in sorted(self._found.items()) if its == kind and len(both) > 1}
 
     def get(self, kind: Kind, name: str) -> Registration:
         """The registration of this name.
@@ -234,8 +238,8 @@ def load_registry(found: Iterable[EntryPoint]) -> Registry:
         try:
             for registration in _registrations(entry_point.load(), origin):
                 result.add(registration)
-        except Exception as error:
-            # A plugin may raise anything at import; SystemExit and KeyboardInterrupt still end the program.
+        except (Exception, SystemExit) as error:
+            # A plugin may raise anything at import, or leave where a library of its own is missing.
             result.broken[origin] = told(error)
     return result
 

@@ -176,6 +176,22 @@ def test_a_broken_plugin_costs_nothing_but_itself(entry_point: Callable[..., Ent
         found.get("task", "half_done")
 
 
+def test_a_plugin_that_leaves_at_its_import_costs_nothing_but_itself(
+    entry_point: Callable[..., EntryPoint], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "leaving.py").write_text("import sys\nsys.exit('install its library first')\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = load_registry(
+        [
+            EntryPoint("leaves", "leaving", GROUP),
+            entry_point("fine", register_tasks=registering("good", "leaving:Task")),
+        ]
+    )
+    assert list(found.broken.values()) == ["SystemExit: install its library first"]
+    with pytest.raises(PluginError, match=r"'good' .* cannot be loaded .*: SystemExit: install its library first"):
+        found.get("task", "good").load()
+
+
 def test_a_misspelt_hook_is_reported_not_ignored(entry_point: Callable[..., EntryPoint]) -> None:
     found = load_registry([entry_point("typo", register_taks=registering("lost"))])
     (error,) = found.broken.values()

@@ -89,7 +89,7 @@ class Plan:
     """The cells of a run and the tasks of each, with the configuration they came from.
 
     Attributes:
-        left_out: by name, why a completer or task that `all` would have taken cannot be.
+        left_out: by name, why a completer or task that `all` would have taken cannot be, or a whole plugin.
     """
 
     dataset: Plugin
@@ -171,7 +171,7 @@ def plan(request: Request) -> Plan:
             registry().get(kind, name)
     option_targets(options, names)
 
-    left_out: dict[str, str] = {}
+    left_out = _out_of_reach(request)
     dataset = select("dataset", dataset_name, options.get(dataset_name, {}), path=dataset_path or None)
     opened = dataset.build()
     split = _split(opened, dataset_name, request.split)
@@ -200,11 +200,22 @@ def default_split(dataset: str, options: Sequence[str], *, preferred: str) -> st
 
 def _names(kind: Kind, asked: Sequence[str]) -> list[str]:
     """The names asked for, `all` spelt out, each once."""
-    if ALL in asked:
-        return [found.name for found in registry().all(kind)]
     if not asked:
         raise PcdbenchError(f"no {kind} is named; name one or more, or all (see pcdbench list)")
-    return list(dict.fromkeys(asked))
+    every = [found.name for found in registry().all(kind)] if ALL in asked else []
+    return list(dict.fromkeys([*every, *(name for name in asked if name != ALL)]))
+
+
+def _out_of_reach(request: Request) -> dict[str, str]:
+    """Why `all` cannot take what it would have taken: names that two plugins claim, plugins that cannot be loaded."""
+    asked: dict[Kind, Sequence[str]] = {
+        "incompleteness": request.incompletenesses,
+        "completer": request.completers,
+        "task": request.tasks,
+    }
+    kinds = [kind for kind, names in asked.items() if ALL in names]
+    found = {name: clash for kind in kinds for name, clash in registry().clashing(kind).items()}
+    return found | (registry().broken if kinds else {})
 
 
 def _plugins(

@@ -93,6 +93,16 @@ def test_all_leaves_out_what_cannot_be_loaded_with_its_reason():
     assert "tiny_fill" in {its.name for its in planned.completers}
 
 
+def test_all_says_what_clashes_and_which_plugin_is_broken(monkeypatch):
+    found = registry()
+    monkeypatch.setitem(found.broken, "broken 1.0 (a = b)", "RuntimeError: a bug")
+    found.add(replace(found.get("completer", "tiny_fill"), origin="another 1.0"))
+    assert not plan(replace(TINY, completers=["incomplete"])).left_out
+    planned = plan(replace(TINY, completers=["all"]))
+    assert planned.left_out["broken 1.0 (a = b)"] == "RuntimeError: a bug"
+    assert "is registered by" in planned.left_out["tiny_fill"] and "another 1.0" in planned.left_out["tiny_fill"]
+
+
 def test_asked_for_by_name_it_is_an_error():
     with pytest.raises(PluginError, match="tiny_missing"):
         plan(replace(TINY, completers=["tiny_fill", "tiny_missing"]))
@@ -150,6 +160,7 @@ def test_a_digest_that_is_no_text_is_refused(monkeypatch):
     ("change", "message"),
     [
         ({"completers": ["tiny_fil"]}, "did you mean tiny_fill"),
+        ({"completers": ["all", "tiny_fil"]}, "did you mean tiny_fill"),
         ({"tasks": ["chamfr"]}, "did you mean chamfer"),
         ({"dataset": "tin"}, "did you mean tiny"),
         ({"incompletenesses": ["hole"]}, "did you mean holes"),
