@@ -175,7 +175,8 @@ class Registry:
 
     def clashing(self, kind: Kind) -> dict[str, str]:
         """By name, for each name of a kind that two plugins claim, the line that says so."""
-        return {name: _clash(both) for (its, name), both in sorted(self._found.items()) if its == kind and len(both) > 1}
+        found = sorted(self._found.items())
+        return {name: _clash(both) for (its, name), both in found if its == kind and len(both) > 1}
 
     def get(self, kind: Kind, name: str) -> Registration:
         """The registration of this name.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import sys
 from typing import Annotated
 
 import typer
@@ -79,4 +81,7 @@ def _options(
 def main() -> None:
     """The console script `pcdbench`."""
     warn_in_one_line()
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # Not every locale has the characters of tables and file names; standard error escapes them of itself.
+        sys.stdout.reconfigure(errors="backslashreplace")
     app()

@@ -1,6 +1,7 @@
 """`pcdbench run` and `pcdbench results` as a user runs them: killed, interrupted, resumed, misused."""
 
 import csv
+import io
 import json
 import os
 import shutil
@@ -8,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import pytest
 from outcomes_for_tests import outcomes
 from typer.testing import CliRunner
 
-from pcdbench.cli import app
+from pcdbench.cli import app, main
 from pcdbench.cloud import PointCloud
 from pcdbench.leaderboard.figures import write_case_picture
 from pcdbench.leaderboard.results import rows_of_run
@@ -255,6 +257,17 @@ def test_a_run_that_measured_nothing_says_why_and_exits_with_2(run, tmp_path):
         "pcdbench: nothing was measured: all 12 rows were skipped, the first as box0 has no incomplete scan"
     )
     assert "12 skipped: ground_truth, incomplete, resample, tiny_fill on tiny_gap" in ended.stdout
+
+
+def test_a_locale_without_the_tables_characters_gets_them_escaped(run, monkeypatch):
+    run("run", "--completer", "tiny_fill", "--task", "tiny_gap", *TINY, "--level", "0.3", "--out", "r")
+    written = io.BytesIO()
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(written, encoding="ascii", write_through=True))
+    monkeypatch.setattr(sys, "argv", ["pcdbench", "results", "r"])
+    monkeypatch.setattr(warnings, "showwarning", warnings.showwarning)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code and rb"tiny_gap \xb7 " in written.getvalue()
 
 
 def test_results_of_several_runs_names_them(run, tmp_path):
