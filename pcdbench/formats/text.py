@@ -159,7 +159,7 @@ def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float
     except ValueError as error:
         with path.open(encoding="utf-8-sig", errors="replace") as stream:
             for number, line in enumerate(stream, 1):
-                words = [word.strip() for word in line.split("#")[0].strip().split(layout.separator)]
+                words = [word.strip('" \t') for word in line.split("#")[0].strip().split(layout.separator)]
                 asked = [words[place] for place in places if place < len(words)]
                 is_row = number > layout.lines_before and any(words)
                 if is_row and not (len(asked) == len(places) and all(map(_is_number, asked))):
@@ -173,13 +173,13 @@ def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float
 def _read(path: Path, layout: _Layout, places: list[int], kind: np.dtype[Any]) -> NDArray[Any]:
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
         rows = islice(stream, layout.lines_before, None)
-        return np.loadtxt(rows, dtype=kind, delimiter=layout.separator, usecols=places, ndmin=2)
+        return np.loadtxt(rows, dtype=kind, delimiter=layout.separator, usecols=places, ndmin=2, quotechar='"')
 
 
 def holds_points(path: Path) -> bool:
     """Whether the first rows of a text file look like points; notes and tables do not."""
     try:
-        return _layout(path, with_words=False).columns >= 3
+        return path.is_file() and _layout(path, with_words=False).columns >= 3
     except (CloudError, OSError):
         return False
 
@@ -237,6 +237,8 @@ def _layout(path: Path, with_words: bool = True) -> _Layout:
         text = _COMMENT.sub("", line, count=1).strip() if _COMMENT.match(line) else line.split("#")[0].strip()
         separator = next((mark for mark in ";,\t" if mark in text), None)
         words = [word.strip("\"' \t") for word in text.split(separator)]
+        if separator and not words[-1] and len(words) != len(names):
+            words.pop()  # some programs end each line with a separator
         if _COMMENT.match(line):
             names = words if coordinate_and_color_names(words)[0] else names
         elif words and (all(map(_is_number, words)) or (with_words and _has_named_numbers(words, names))):
@@ -251,7 +253,10 @@ def _layout(path: Path, with_words: bool = True) -> _Layout:
             break
     if any(_DECIMAL_COMMA.match(line) for line in lines):
         raise CloudError(f"{path} has decimal commas; save it with decimal points")
-    raise CloudError(f"{path} has no rows of numbers; each line must hold x y z, and may hold red green blue")
+    raise CloudError(
+        f"{path} has no rows of numbers; each line must hold x y z, and may hold red green blue; where it holds text, "
+        "too, the first line must name the columns"
+    )
 
 
 def _told_apart(names: list[str]) -> list[str]:
