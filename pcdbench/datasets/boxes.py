@@ -41,7 +41,7 @@ def read_boxes(path: Path, cloud: Path, is_only_cloud: bool) -> tuple[TaggedObje
         CloudError: naming the file, the box and what is wrong with it.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError) as error:
         raise CloudError(f"{path} is not JSON ({error}); correct or remove it") from error
     boxes = content.get("instances", content) if isinstance(content, dict) else content

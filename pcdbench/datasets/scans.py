@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import unicodedata
 import warnings
 from collections import Counter
@@ -153,6 +154,8 @@ def content_digest(path: Path) -> str:
     """
     try:
         status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise CloudError(f"{path} cannot be read: it is no file; check the path")
         return _digest_of_version(path, status.st_size, status.st_mtime_ns)
     except OSError as error:
         raise CloudError(f"{path} cannot be read: {error.strerror}; check the file") from error

@@ -118,6 +118,8 @@ def _read(path: Path, wanted: Container[str]) -> tuple[PointCloud, dict[str, NDA
     module = _format_module(path)
     if not path.exists():
         raise CloudError(f"{path}: there is no such file; check the path")
+    if not path.is_file():
+        raise CloudError(f"{path} is a pipe or a device; write what comes out of it to a file, and name that")
     try:
         if path.stat().st_size == 0:
             raise CloudError(f"{path} is empty (0 bytes); export or copy it again")

@@ -229,6 +229,18 @@ def test_one_broken_file_costs_its_scene_alone(tmp_path):
     assert len(dataset.scene("good").dense) == 600
 
 
+@pytest.mark.timeout(20)
+def test_a_pipe_is_no_cloud_and_is_not_waited_for(tmp_path):
+    room().write(tmp_path / "good.ply")
+    os.mkfifo(tmp_path / "pipe.ply")
+    os.mkfifo(tmp_path / "notes.txt")
+    dataset = opened(tmp_path)
+    assert list(dataset.scene_names("all")) == ["good", "pipe"]
+    for look in (dataset.digest, dataset.scene):
+        with pytest.raises(CloudError, match=r"pipe\.ply"):
+            look("pipe")
+
+
 def test_wrong_paths_are_named(tmp_path):
     with pytest.raises(PcdbenchError, match="needs a file or folder: --dataset clouds:PATH"):
         opened(None).scene_names("all")
@@ -279,6 +291,12 @@ def test_boxes_beside_a_cloud(tmp_path, file, content):
     (tmp_path / file).write_text(json.dumps(content))
     assert_chair_and_desk(opened(tmp_path).scene("a").objects)
     assert opened(tmp_path).scene("b").objects == ()
+
+
+def test_boxes_may_begin_with_a_byte_order_mark(tmp_path):
+    room().write(tmp_path / "a.ply")
+    (tmp_path / "a.boxes.json").write_text(json.dumps([CHAIR, DESK]), encoding="utf-8-sig")
+    assert_chair_and_desk(opened(tmp_path).scene("a").objects)
 
 
 def test_boxes_that_name_no_cloud_belong_to_the_only_one(tmp_path):
