@@ -27,7 +27,16 @@ def results(
 def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Format) -> None:
     """Print what rows add up to on standard output: tables, or records for programs."""
     from pcdbench.incompleteness import MEASURED
-    from pcdbench.leaderboard.render import LEGEND, escaped_markdown, markdown, print_tables, records, summary_tables
+    from pcdbench.leaderboard.render import (
+        LEGEND,
+        MARKED_LEGEND,
+        escaped_markdown,
+        has_styles,
+        markdown,
+        print_tables,
+        records,
+        summary_tables,
+    )
     from pcdbench.leaderboard.summary import reasons, summarize, unseen_shares
 
     summary = summarize(rows)
@@ -44,7 +53,7 @@ def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Forma
     else:
         console = table_console()
         print_tables(summary_tables(summary), console)
-        console.print(LEGEND, style="dim")
+        console.print(LEGEND if has_styles(console) else MARKED_LEGEND, style="dim")
         for line in left_out:
             console.print(line, markup=False, soft_wrap=True)
         print_reasons(reasons(rows), console)

@@ -14,16 +14,21 @@ from pcdbench.leaderboard.summary import level_text
 if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
+    from rich.table import Table as RichTable
 
     from pcdbench.leaderboard.audit import Audit
 
 HEADER = ("level", "completer", "median [95 %]", "90th percentile [95 %]", "mean [95 %]", "cases", "seconds")
 AUDIT_HEADER = ("level", "reference", "mean of cases [95 %]", "cases")
+_STATISTICS = {"median": 2, "p90": 3, "mean": 4}  # their columns
 _LEFT_COLUMNS = (1,)
+_FOLDING_COLUMNS = (1, 5)  # names, and cases that failed and were skipped: as long as they may be
+_ANY_WIDTH = 10_000
 LEGEND = (
     "Bold: the best of a level's completers with the most cases. Italic: references, not methods. "
     "[95 %]: bootstrap interval over scenes. Seconds: median time of completing."
 )
+MARKED_LEGEND = LEGEND.replace("Bold", "**Bold**").replace("Italic", "*Italic*")
 
 
 def escaped_markdown(text: str) -> str:
@@ -53,17 +58,29 @@ class Cell:
 
     @property
     def markdown(self) -> str:
-        text = escaped_markdown(self.text) if self.named else self.text
+        return self._marked(escaped_markdown(self.text) if self.named else self.text)
+
+    @property
+    def plain(self) -> str:
+        """For text without styles: marked as in Markdown."""
+        return self._marked(self.text)
+
+    def _marked(self, text: str) -> str:
         return f"**{text}**" if self.bold else f"*{text}*" if self.italic else text
 
 
 @dataclass(frozen=True)
 class Table:
-    """A titled table in blocks: one a level."""
+    """A titled table in blocks: one a level.
+
+    Attributes:
+        spare: the columns that a terminal too narrow for all can do without.
+    """
 
     title: str
     header: Sequence[str]
     blocks: Sequence[Sequence[Sequence[Cell]]]
+    spare: Sequence[int] = ()
 
 
 def summary_tables(summary: pd.DataFrame) -> list[Table]:
@@ -77,7 +94,9 @@ def summary_tables(summary: pd.DataFrame) -> list[Table]:
             first = measured.iloc[0]
             title = f"{task} · {first['metric']} ({first['unit']}; {first['direction']} is better) · {incompleteness}"
         blocks = [_block(of_level) for _, of_level in lines.groupby("level", sort=True)]
-        found.append(Table(title, HEADER, blocks))
+        declared = measured.iloc[0]["summary"] if len(measured) else "median"
+        spare = [column for name, column in _STATISTICS.items() if name != declared]
+        found.append(Table(title, HEADER, blocks, spare))
     return found
 
 
@@ -104,21 +123,52 @@ def audit_table(audit: Audit) -> Table:
 
 
 def print_tables(tables: Sequence[Table], console: Console) -> None:
-    """Print tables on a terminal."""
+    """Print tables on a terminal; what stands out is marked where the console has no styles (a file, a pipe)."""
+    from rich.measure import Measurement
+    from rich.text import Text
+
+    widest = 0
+    for table in tables:
+        console.print(Text(table.title, "bold"), soft_wrap=True)
+        shown = _rich_table(table, (), has_styles(console))
+        width = Measurement.get(console, console.options.update(max_width=_ANY_WIDTH), shown).maximum
+        if table.spare and width > console.width:
+            widest = max(widest, width)
+            shown = _rich_table(table, table.spare, has_styles(console))
+        console.print(shown)
+    if widest:
+        console.print(
+            f"Here are {console.width} columns and the whole takes {widest}: each table has the statistic that its "
+            "metric declares; --format markdown has all.",
+            highlight=False,
+        )
+
+
+def _rich_table(table: Table, left_out: Sequence[int], styled: bool) -> RichTable:
     from rich import box
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    for table in tables:
-        console.print(Text(table.title, "bold"), soft_wrap=True)
-        shown = RichTable(box=box.SIMPLE_HEAD)
-        for number, name in enumerate(table.header):
-            shown.add_column(name, justify="left" if number in _LEFT_COLUMNS else "right", no_wrap=True)
-        for block in table.blocks:
-            for line in block:
-                shown.add_row(*(Text(cell.text, cell.style) for cell in line))
-            shown.add_section()
-        console.print(shown)
+    shown = RichTable(box=box.SIMPLE_HEAD)
+    columns = [column for column in range(len(table.header)) if column not in left_out]
+    for column in columns:
+        shown.add_column(
+            table.header[column],
+            justify="left" if column in _LEFT_COLUMNS else "right",
+            no_wrap=not (left_out and column in _FOLDING_COLUMNS),
+            overflow="fold",
+        )
+    for block in table.blocks:
+        for line in block:
+            cells = [line[column] for column in columns]
+            shown.add_row(*(Text(cell.text if styled else cell.plain, cell.style) for cell in cells))
+        shown.add_section()
+    return shown
+
+
+def has_styles(console: Console) -> bool:
+    """Whether bold and italic show on it."""
+    return console.color_system is not None
 
 
 def markdown(tables: Sequence[Table]) -> str:
@@ -170,7 +220,7 @@ def _block(lines: pd.DataFrame) -> list[list[Cell]]:
                 bold=bool(line["completer"] in best) and name == line["summary"],
                 italic=reference,
             )
-            for name in ("median", "p90", "mean")
+            for name in _STATISTICS
         ]
         block.append(
             [

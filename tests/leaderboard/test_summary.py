@@ -1,13 +1,15 @@
 """Summaries by hand-computed cases: what is counted, paired and shown."""
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from rows_for_tests import result_row
 
 from pcdbench.cli.results import print_summary
-from pcdbench.leaderboard.render import markdown, number, records, summary_tables
+from pcdbench.leaderboard.render import markdown, number, print_tables, records, summary_tables
 from pcdbench.leaderboard.summary import reasons, summarize
 
 
@@ -131,3 +133,36 @@ def test_reasons_are_counted_failures_first_and_alike_ones_once():
 )
 def test_numbers_for_people(value, unit, text):
     assert number(value, unit) == text
+
+
+@pytest.mark.parametrize(
+    ("summary", "kept", "gone"), [("median", "median [95 %]", "mean [95 %]"), ("mean", "mean [95 %]", "median [95 %]")]
+)
+def test_a_narrow_terminal_shows_whole_names_levels_and_the_declared_statistic(summary, kept, gone):
+    rows = [
+        result_row(completer, [12.345 + place], scene=f"s{place}")
+        for place in range(3)
+        for completer in ("incomplete", "a_completer_with_a_name_longer_than_most")
+    ]
+    for its in rows:
+        its["metrics"]["error_m"]["summary"] = summary
+    rows += [result_row("incomplete", [], scene=f"f{place}", status="failed", error="E") for place in range(3)]
+    tables = summary_tables(summarize(rows))
+    narrow, wide = (Console(file=io.StringIO(), width=width) for width in (75, 200))
+    print_tables(tables, narrow)
+    print_tables(tables, wide)
+    shown = narrow.file.getvalue()
+    assert kept in shown and gone not in shown and "…" not in shown
+    assert "30%" in shown and "(3" in shown and "failed)" in shown and "--format markdown has all" in shown
+    whole = wide.file.getvalue()
+    assert kept in whole and gone in whole and "--format markdown" not in whole
+
+
+def test_what_stands_out_is_marked_where_text_has_no_styles():
+    tables = summary_tables(summarize([result_row("incomplete", [1.0]), result_row("other", [2.0])]))
+    plain = Console(file=io.StringIO(), width=150)
+    print_tables(tables, plain)
+    assert "*incomplete*" in plain.file.getvalue() and "**other**" in plain.file.getvalue()
+    styled = Console(file=io.StringIO(), width=150, force_terminal=True, color_system="standard")
+    print_tables(tables, styled)
+    assert "*" not in styled.file.getvalue()
