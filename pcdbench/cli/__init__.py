@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import sys
 from typing import Annotated
@@ -41,6 +42,12 @@ class _Commands(TyperGroup):
         except KeyboardInterrupt:
             typer.echo("pcdbench: stopped", err=True)
             raise typer.Exit(130) from None
+        except OSError as error:
+            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
+                raise
+            place = error.filename or "what is printed"
+            typer.echo(f"pcdbench: {place} cannot be written ({error.strerror}); make room and try again", err=True)
+            raise typer.Exit(2) from error
 
 
 app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)

@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from outcomes_for_tests import outcomes
+from rich.console import Console
 from typer.testing import CliRunner
 
-from pcdbench.cli import app, main
+from pcdbench.cli import app, main, results
 from pcdbench.cloud import PointCloud
 from pcdbench.leaderboard.figures import write_case_picture
 from pcdbench.leaderboard.results import rows_of_run
@@ -268,6 +269,15 @@ def test_a_locale_without_the_tables_characters_gets_them_escaped(run, monkeypat
     with pytest.raises(SystemExit) as ended:
         main()
     assert not ended.value.code and rb"tiny_gap \xb7 " in written.getvalue()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a file that is always full")
+def test_results_into_a_full_disk_are_one_line(run, monkeypatch):
+    run("run", "--completer", "tiny_fill", "--task", "tiny_gap", *TINY, "--level", "0.3", "--out", "r")
+    full = io.TextIOWrapper(io.FileIO("/dev/full", "w"), write_through=True)
+    monkeypatch.setattr(results, "table_console", lambda: Console(file=full))
+    said = run("results", "r", code=2).stderr
+    assert said == "pcdbench: what is printed cannot be written (No space left on device); make room and try again\n"
 
 
 def test_results_of_several_runs_names_them(run, tmp_path):
