@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pcdbench.cloud import PointCloud
 from pcdbench.geometry.poses import Pose, absolute_errors, pose
 from pcdbench.geometry.registration import Method, register
 from pcdbench.geometry.scanning import ScannedScene, random_directions, scanned, shown
-from pcdbench.geometry.surfels import SurfelCloud, occluded
+from pcdbench.geometry.surfels import occluded
 from pcdbench.task import Measurements, Metric, Task
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ class Localization(Task):
 
     class Options(options.Options):
         method: Method = Field("ndt", description="registration: ndt (published), icp (point to plane) or gicp")
-        scales_m: tuple[float, ...] = Field(
+        scales_m: tuple[Annotated[float, Field(gt=0)], ...] = Field(
             (2.0, 1.0, 0.5),
             min_length=1,
             description="coarse to fine: voxel sizes of ndt, largest correspondence distances of icp and gicp",
@@ -65,7 +65,7 @@ class Localization(Task):
         T_scene_reference = pose(place.center)
         T_scene_live, lives = self._live_scans(place, rng)
         view = (self.options.max_range_m, 360.0, self.options.vertical_fov_deg)
-        reference = shown(SurfelCloud(completed.points), T_scene_reference, *view)
+        reference = shown(place.map_of(completed.points), T_scene_reference, *view)
         method, scales_m = self.options.method, self.options.scales_m
         estimated = np.stack(
             [T_scene_reference @ register(live, reference, np.eye(4), method, scales_m) for live in lives]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -15,7 +15,7 @@ from pcdbench.errors import Skipped
 from pcdbench.geometry.freespace import headings
 from pcdbench.geometry.poses import Pose, absolute_errors, inverse, pose, relative_errors
 from pcdbench.geometry.registration import Method, register
-from pcdbench.geometry.scanning import ScannedScene, random_directions, scanned, shown
+from pcdbench.geometry.scanning import FieldOfView, ScannedScene, random_directions, scanned, shown
 from pcdbench.geometry.surfels import SurfelCloud
 from pcdbench.task import Measurements, Metric, Task
 
@@ -37,7 +37,7 @@ class Tracking(Task):
         method: Literal["ndt", "gicp", "kiss_icp"] = Field(
             "ndt", description="ndt (published) or gicp against the completed cloud; kiss_icp: odometry in it"
         )
-        scales_m: tuple[float, ...] = Field(
+        scales_m: tuple[Annotated[float, Field(gt=0)], ...] = Field(
             (1.0, 0.5),
             min_length=1,
             description="coarse to fine: voxel sizes of ndt, largest correspondence distances of gicp",
@@ -51,10 +51,8 @@ class Tracking(Task):
         steps: int = Field(30, ge=1, description="steps of the walk after the first pose, which is known")
         step_m: float = Field(0.06, gt=0, description="length of a step")
         turn_deg: float = Field(2.0, ge=0, description="most that the heading changes in a step")
-        fov_deg: tuple[float, float] = Field((77.0, 60.0), description="field of view, horizontal and vertical")
-        reference_fov_deg: tuple[float, float] = Field(
-            (110.0, 90.0), description="what is cut from the completed cloud"
-        )
+        fov_deg: FieldOfView = Field((77.0, 60.0), description="field of view, horizontal and vertical")
+        reference_fov_deg: FieldOfView = Field((110.0, 90.0), description="what is cut from the completed cloud")
         max_range_m: float = Field(10.0, gt=0, description="range of both")
         live_points: int = Field(3000, ge=20, description="rays of a live scan")
         noise_m: float = Field(0.01, ge=0, description="standard deviation of a live range, metres")
@@ -76,7 +74,7 @@ class Tracking(Task):
         """
         place = scanned(case.scene)
         true = self._true_poses(place, rng)
-        surfels = SurfelCloud(completed.points)
+        surfels = place.map_of(completed.points)
         provenance: dict[str, Any] = {}
         if self.options.method == "kiss_icp":
             from .odometry import kiss_icp_poses

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
 
 import typer
 
@@ -83,15 +83,28 @@ def _options(name: str, model: type[Options]) -> Iterator[str]:
 
 def _type(field: FieldInfo) -> str:
     """The type as an author would write it, with its bounds: `float > 0`."""
-    annotation = inspect.formatannotation(field.annotation)
+    return _bounded(_annotation(field.annotation), field.metadata)
+
+
+def _annotation(annotation: Any) -> str:
+    """The text of a type; of a tuple with the bounds of what it holds: `tuple[float > 0, ...]`."""
+    if get_origin(annotation) is Annotated:
+        inner, *metadata = get_args(annotation)
+        return _bounded(_annotation(inner), [bound for its in metadata for bound in getattr(its, "metadata", [its])])
+    if get_origin(annotation) is tuple:
+        return f"tuple[{', '.join('...' if its is ... else _annotation(its) for its in get_args(annotation))}]"
+    return inspect.formatannotation(annotation)
+
+
+def _bounded(text: str, metadata: Iterable[Any]) -> str:
     signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
     bounds = [
         f"{sign} {getattr(bound, attribute)}"
-        for bound in field.metadata
+        for bound in metadata
         for attribute, sign in signs.items()
         if getattr(bound, attribute, None) is not None
     ]
-    return " ".join([annotation, " and ".join(bounds)]) if bounds else annotation
+    return " ".join([text, " and ".join(bounds)]) if bounds else text
 
 
 def _value(value: Any) -> str:

@@ -6,10 +6,12 @@ complete cloud is never measured: a completed cloud knows nothing else.
 
 from __future__ import annotations
 
+from typing import Annotated
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from pcdbench.geometry.freespace import ANKLE_M, HEAD_M, FreeSpace, floor_height, free_space, points_on_triangles
 from pcdbench.geometry.poses import Pose, inverse, transform
@@ -20,6 +22,10 @@ from pcdbench.scene import Scene, Surface
 MOST_SURFELS = 150_000
 SENSOR_HEIGHT_M = 1.4
 BOUNDS_MARGIN_M = 0.05
+MAP_REACH_M = 1000.0
+
+FieldOfView = tuple[Annotated[float, Field(gt=0, le=360)], Annotated[float, Field(gt=0, le=180)]]
+"""Degrees, horizontal and vertical, as options have it: 360 by 180 is a sphere."""
 
 
 class ScannedScene:
@@ -77,6 +83,14 @@ class ScannedScene:
     def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) mask of the (N, 3) points within the bounds."""
         return ((points >= self.lower) & (points <= self.upper)).all(axis=1)
+
+    def map_of(self, points: NDArray[np.float64]) -> SurfelCloud:
+        """The disks of a completed cloud (N, 3): those within 1 km of the bounds, which is farther than scans go.
+
+        Embree's float32 spans all that it is given: one stray at 10^7 m would blur all else to a metre.
+        """
+        away = np.maximum(self.lower - points, points - self.upper).max(axis=1)
+        return SurfelCloud(points[away <= MAP_REACH_M])
 
     def firmness(
         self, T_scene_sensor: Pose, directions: NDArray[np.float64], max_range_m: float

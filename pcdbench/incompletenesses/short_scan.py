@@ -11,7 +11,7 @@ from pcdbench.errors import CloudError
 from pcdbench.geometry.freespace import headings
 from pcdbench.geometry.neighbors import nearest
 from pcdbench.geometry.poses import Pose, pose
-from pcdbench.geometry.scanning import ScannedScene, scanned, within_view
+from pcdbench.geometry.scanning import FieldOfView, ScannedScene, scanned, within_view
 from pcdbench.geometry.surfels import occluded
 from pcdbench.incompleteness import Incompleteness
 from pcdbench.scene import Scene
@@ -29,7 +29,7 @@ class ShortScan(Incompleteness):
     """
 
     class Options(options.Options):
-        fov_deg: tuple[float, float] = Field((77.0, 60.0), description="field of view, horizontal and vertical")
+        fov_deg: FieldOfView = Field((77.0, 60.0), description="field of view, horizontal and vertical")
         max_range_m: float = Field(6.0, gt=0, description="range of the camera, metres")
         pan_deg: float = Field(40.0, ge=0, description="how far the camera sways to either side of the walk")
         most_views: int = Field(240, ge=1, description="views, one every 25 cm, after which the walk ends")

@@ -164,8 +164,11 @@ def checked_options(name: str, model: type[OptionsModel], given: Mapping[str, st
                 f"{name} needs --option {name}.{key}=VALUE: it has no default (see pcdbench show {name})"
             ) from None
         value = given.get(key)
+        problem, place = first["msg"], first["loc"][-1] if first["loc"] else ""
+        if first["type"] == "missing" and isinstance(place, int):
+            problem = f"value {place + 1} is missing"
         raise PcdbenchError(
-            f"--option {name}.{key}={value}: {problem_text(first['msg'])} (see pcdbench show {name})"
+            f"--option {name}.{key}={value}: {problem_text(problem)} (see pcdbench show {name})"
         ) from None
 
 

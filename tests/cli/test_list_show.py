@@ -5,10 +5,10 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib.metadata import EntryPoint
-from typing import Literal
+from typing import Annotated, Literal
 
 import pytest
-from pydantic import Field
+from pydantic import Field, PositiveInt
 from typer.testing import CliRunner, Result
 
 from pcdbench import Completer, Dataset, Metric, Options, PcdbenchError, PointCloud, Task, __version__, plugins
@@ -27,6 +27,7 @@ class Smear(Completer):
     class Options(Options):
         distance_m: float = Field(0.02, gt=0, le=1, description="how far, metres")
         axes: tuple[int, ...] = Field((0, 1), description="which axes")
+        reaches_m: tuple[Annotated[float, Field(gt=0, le=9)], PositiveInt] = Field((1.5, 2), description="two reaches")
         how: Literal["evenly", "oddly"] = Field("evenly", description="the manner")
 
     version = "7"
@@ -164,6 +165,7 @@ def test_show_a_completer() -> None:
         "distance_m  float > 0 and <= 1, default 0.02",
         "how far, metres",
         "axes  tuple[int, ...], default 0,1",
+        "reaches_m  tuple[float > 0 and <= 9, int > 0], default 1.5,2",
         "how  Literal['evenly', 'oddly'], default evenly",
         "for example: --option smear.distance_m=0.02",
     ):

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from pcdbench.case import make_case
 from pcdbench.errors import PcdbenchError
@@ -26,6 +27,12 @@ def kept_of(scene, level, seed=0, **options):
 def test_the_level_is_exact(room, level, mesh):
     scene = room if mesh else without_mesh(room)
     assert (~kept_of(scene, level)).sum() == round(level * len(room.complete))
+
+
+@pytest.mark.parametrize("fov_deg", [(0.0, 60.0), (77.0, 300.0)])
+def test_a_field_of_view_that_cannot_be_is_refused(fov_deg):
+    with pytest.raises(ValidationError, match=r"greater than 0|less than or equal to 180"):
+        ShortScan.Options(fov_deg=fov_deg)
 
 
 def test_the_seed_alone_decides(room):

@@ -96,6 +96,11 @@ def test_bad_members_of_sequences_name_the_option_and_all_of_its_text(key, text)
         checked_options("various", Various, {key: text})
 
 
+def test_too_few_values_are_told_as_that():
+    with pytest.raises(PcdbenchError, match=r"--option various\.pair=3: value 2 is missing \(see"):
+        checked_options("various", Various, {"pair": "3"})
+
+
 @pytest.mark.parametrize(("key", "text"), [("limit", "inf"), ("limit", "nan"), ("limit", "-inf"), ("many", "1,inf")])
 def test_numbers_that_are_not_finite_are_refused(key, text):
     with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: input should be a finite number"):

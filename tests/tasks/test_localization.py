@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from pcdbench_tasks.localization import Localization, _places_in_sight
+from pydantic import ValidationError
 
 from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
@@ -77,6 +78,20 @@ def test_a_map_of_hardly_a_point_keeps_the_guess(half_room, count):
     found = evaluated(half_room, cloud)
     expected = np.linalg.norm(np.subtract(found.trace["true"], found.trace["reference"]), axis=1)
     assert found.samples["localization_error_m"] == pytest.approx(expected, abs=2e-4)
+
+
+@pytest.mark.parametrize("far_m", [1e7, 1e300])
+def test_a_stray_point_far_off_changes_nothing(half_room, far_m):
+    cloud = half_room.cloud
+    strayed = PointCloud(np.vstack([cloud.points, [[far_m, 0, -far_m]]]))
+    found, expected = (evaluated(half_room, its, locations=2).trace for its in (strayed, cloud))
+    assert found == expected
+
+
+@pytest.mark.parametrize("scale_m", [0.0, -0.5])
+def test_scales_that_are_no_lengths_are_refused(scale_m):
+    with pytest.raises(ValidationError, match="greater than 0"):
+        Localization.Options(scales_m=(1.0, scale_m))
 
 
 def test_a_location_outside_of_the_scene_is_not_believed(half_room, monkeypatch):

@@ -6,7 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from pcdbench_tasks.tracking import Tracking
+from pydantic import ValidationError
 
+from pcdbench.cloud import PointCloud
 from pcdbench.geometry.freespace import BODY_RADIUS_M
 from pcdbench.geometry.poses import pose
 from pcdbench.geometry.scanning import scanned
@@ -38,6 +40,30 @@ def test_without_a_map_the_first_pose_is_kept(half_room):
     assert found.trace["estimated"] == [found.trace["estimated"][0]] * 11
     expected = np.linalg.norm(true[1:] - true[0], axis=1)
     assert found.samples["tracking_error_m"] == pytest.approx(expected, abs=2e-4)
+
+
+@pytest.mark.parametrize("method", ["ndt", "kiss_icp"])
+@pytest.mark.parametrize("far_m", [1e7, 1e300])
+def test_a_stray_point_far_off_changes_nothing(half_room, method, far_m):
+    cloud = half_room.cloud
+    strayed = PointCloud(np.vstack([cloud.points, [[far_m, 0, -far_m]]]))
+    found, expected = (evaluated(half_room, its, steps=2, walks=1, method=method).trace for its in (strayed, cloud))
+    assert found == expected
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"fov_deg": (0.0, 60.0)},
+        {"fov_deg": (400.0, 60.0)},
+        {"reference_fov_deg": (110.0, 200.0)},
+        {"reference_fov_deg": (-110.0, 90.0)},
+        {"scales_m": (1.0, 0.0)},
+    ],
+)
+def test_fields_of_view_and_scales_that_cannot_be_are_refused(options):
+    with pytest.raises(ValidationError, match=r"greater than 0|less than or equal to"):
+        Tracking.Options(**options)
 
 
 def test_steps_and_turns_are_as_small_as_the_options_say(half_room):
