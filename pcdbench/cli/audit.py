@@ -97,6 +97,7 @@ def _print_audits(found: list[Audit], rows: Sequence[dict[str, Any]]) -> None:
         if its.ceiling == TRUTH:
             console.print("  No second sample of these scenes exists: the ceiling is the truth itself.")
         if 0 < its.scenes < _FEW_SCENES:
-            console.print(f"  {its.scenes} scenes say little; take a larger --split.")
+            scenes = "1 scene says" if its.scenes == 1 else f"{its.scenes} scenes say"
+            console.print(f"  {scenes} little; take a larger --split.")
         console.print()
     print_reasons(reasons(rows), console)

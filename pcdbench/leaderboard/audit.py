@@ -147,7 +147,9 @@ class _Judge:
         advantage = self._advantage(self._at(*first), self._at(*second))
         if advantage is None:
             return Check(name, False, None, "no case in common")
-        unclear = not advantage.has_interval or advantage.low <= 0 <= advantage.high
+        if not advantage.has_interval:
+            return Check(name, advantage.value > 0, advantage, "no interval: it takes two scenes or more")
+        unclear = advantage.low <= 0 <= advantage.high
         return Check(name, advantage.value > 0, advantage, "interval includes 0" if unclear else "")
 
     def apart(self, name: str, first: tuple[str, float], second: tuple[str, float]) -> Check:

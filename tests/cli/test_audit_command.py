@@ -42,6 +42,15 @@ def test_without_a_second_sample_the_truth_is_the_ceiling(tmp_path, tiny_plugins
     assert "skipped: resample on tiny_gap: the dense cloud of" in ended.stdout
 
 
+def test_few_scenes_are_said_to_say_little(capsys):
+    for scenes in (1, 2):
+        _print_audits([Audit("t", "m", "m", "lower", "holes", scenes, "resample", (), ())], [])
+    assert [line.strip() for line in capsys.readouterr().out.splitlines() if "little" in line] == [
+        "1 scene says little; take a larger --split.",
+        "2 scenes say little; take a larger --split.",
+    ]
+
+
 def test_what_plugins_say_is_no_markup(capsys):
     error = "no [bold] kernel in [/usr/lib/x.so] for :key:"
     nothing = Check("something is measured", False, None, error)

@@ -97,3 +97,4 @@ def test_a_task_without_measurements_does_not_pass(status):
 def test_one_scene_proves_nothing():
     (audit,) = audits(rows(GOOD, scenes=1))
     assert audit.broken == ["resample apart from incomplete 50%"]
+    assert {check.note for check in audit.checks[1:-1]} == {"no interval: it takes two scenes or more"}
