@@ -13,7 +13,7 @@ from pcdbench.case import Case
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import Skipped
 from pcdbench.geometry.projection import six_face_similarity
-from pcdbench.geometry.voxels import VoxelGrid, edge_from_density, voxelize
+from pcdbench.geometry.voxels import MAX_VOXELS_A_SIDE, VoxelGrid, edge_from_density, voxelize
 from pcdbench.scene import Box
 from pcdbench.task import Measurements, Metric, Task
 
@@ -109,6 +109,7 @@ def _region(cloud: PointCloud, box: Box, margin_m: float) -> PointCloud:
 def _similarity(answer: PointCloud, truth: PointCloud, box: Box, margin_m: float, edge_m: float) -> float:
     """Six-face SSIM of two coloured regions in the frame of `box`, 1 where they look alike."""
     half = np.asarray(box.size) / 2 + margin_m
-    grid = VoxelGrid.covering(-half, half, edge_m)
+    # A box larger than its scene: images of more pixels would show nothing and cost gigabytes.
+    grid = VoxelGrid.covering(-half, half, max(edge_m, 2 * half.max() / MAX_VOXELS_A_SIDE))
     assert answer.colors is not None and truth.colors is not None
     return six_face_similarity(voxelize(answer.points, answer.colors, grid), voxelize(truth.points, truth.colors, grid))

@@ -16,6 +16,8 @@ from pcdbench.scene import Box, TaggedObject
 SHARED_NAME = "boxes.json"
 OWN_SUFFIX = ".boxes.json"
 _FARTHEST_M = 1e10
+# Of the cloud's longest side. A box around a whole building may go with a crop of it; one in millimetres may not.
+_LARGEST_SHARE = 10.0
 
 
 def boxes_file(cloud: Path) -> Path | None:
@@ -24,7 +26,7 @@ def boxes_file(cloud: Path) -> Path | None:
     return next((path for path in candidates if path.is_file()), None)
 
 
-def read_boxes(path: Path, cloud: Path, is_only_cloud: bool) -> tuple[TaggedObject, ...]:
+def read_boxes(path: Path, cloud: Path, is_only_cloud: bool, longest_m: float) -> tuple[TaggedObject, ...]:
     """The objects that a boxes file holds for a cloud, in its order.
 
     The file is a list of boxes, or an object whose `instances` are one; the folder's `boxes.json` may also be
@@ -36,6 +38,7 @@ def read_boxes(path: Path, cloud: Path, is_only_cloud: bool) -> tuple[TaggedObje
         cloud: the cloud's file; only its name is used.
         is_only_cloud: whether the cloud is alone in its folder; a `boxes.json` that names no file belongs to
             it only then.
+        longest_m: the longest side of the cloud.
 
     Raises:
         CloudError: naming the file, the box and what is wrong with it.
@@ -55,10 +58,12 @@ def read_boxes(path: Path, cloud: Path, is_only_cloud: bool) -> tuple[TaggedObje
         )
     if not isinstance(boxes, list):
         raise CloudError(f"{path}: the boxes of {cloud.name} must be a list")
-    return tuple(_tagged(box, f"{path}: box {number} of {cloud.name}") for number, box in enumerate(boxes, 1))
+    return tuple(
+        _tagged(box, f"{path}: box {number} of {cloud.name}", longest_m) for number, box in enumerate(boxes, 1)
+    )
 
 
-def _tagged(box: Any, where: str) -> TaggedObject:
+def _tagged(box: Any, where: str, longest_m: float) -> TaggedObject:
     if not isinstance(box, Mapping):
         raise CloudError(f'{where} must look like {{"label": "chair", "min": [x, y, z], "max": [x, y, z]}}')
     label = box.get("label")
@@ -74,6 +79,8 @@ def _tagged(box: Any, where: str) -> TaggedObject:
         raise CloudError(f"{where} needs min and max, or center and size (and yaw_rad)")
     if (size < 0).any():
         raise CloudError(f"{where} has a negative size {size.round(3).tolist()}; exchange min and max")
+    if size.max() > _LARGEST_SHARE * longest_m:
+        raise CloudError(f"{where} is {size.max():,.4g} m long, the cloud {longest_m:.4g} m; give the box in metres")
     return TaggedObject(label.strip(), Box(center, size, yaw))
 
 

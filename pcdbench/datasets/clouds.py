@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from pcdbench import options
+from pcdbench.cloud import PointCloud
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.boxes import boxes_file, read_boxes
 from pcdbench.datasets.scans import (
@@ -24,7 +26,7 @@ from pcdbench.errors import PcdbenchError
 from pcdbench.formats import EXTENSIONS, read_observed
 from pcdbench.formats.text import holds_points
 from pcdbench.keys import digest, seed_from
-from pcdbench.scene import Scene
+from pcdbench.scene import Scene, TaggedObject
 
 # Folders of scans hold notes and tables under these extensions too.
 _NOTES_EXTENSIONS = (".txt", ".csv")
@@ -92,13 +94,14 @@ class Clouds(Dataset):
         path = self._file(name)
         complete = self._complete_of(path)
         boxes = boxes_file(complete)
+        cloud = read_observed(complete)[0]
         return scene_of_scan(
             name,
-            read_observed(complete)[0],
+            cloud,
             complete,
             self.options.complete_points,
             seed_from("clouds", content_digest(complete)),
-            objects=() if boxes is None else read_boxes(boxes, complete, len(self._clouds_in(complete.parent)) == 1),
+            objects=() if boxes is None else self._objects(boxes, complete, cloud),
             partial=without_duplicates(read_observed(path)[0]) if self.options.complete else None,
             info={"incomplete scan": path.name} if self.options.complete else None,
         )
@@ -113,6 +116,10 @@ class Clouds(Dataset):
         boxes = boxes_file(complete)
         parts = [name, content_digest(complete), None if boxes is None else content_digest(boxes)]
         return digest([*parts, content_digest(path)] if self.options.complete else parts)
+
+    def _objects(self, boxes: Path, complete: Path, cloud: PointCloud) -> tuple[TaggedObject, ...]:
+        is_only_cloud = len(self._clouds_in(complete.parent)) == 1
+        return read_boxes(boxes, complete, is_only_cloud, float(np.ptp(cloud.points, axis=0).max()))
 
     def _complete_of(self, path: Path) -> Path:
         """The complete scan of a scene's file: itself, or the other file of its pair."""

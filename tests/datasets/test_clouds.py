@@ -322,6 +322,7 @@ def test_boxes_that_name_no_cloud_belong_to_the_only_one(tmp_path):
         (json.dumps([{**CHAIR, "max": [0, float("nan"), 1]}]), "holds nan, which is not a finite number"),
         (json.dumps([{**CHAIR, "max": [-1, 3, 1]}]), "negative size"),
         (json.dumps([{**DESK, "yaw_rad": True}]), "yaw_rad holds True"),
+        (json.dumps([{**DESK, "size": [1600, 800, 750]}]), "is 1,600 m long, the cloud .* m; give the box in metres"),
     ],
 )
 def test_malformed_boxes_are_named(tmp_path, content, message):

@@ -42,7 +42,7 @@ def _cloud(path: Path) -> None:
 def _boxes(path: Path) -> None:
     from pcdbench.datasets.boxes import read_boxes
 
-    for tagged in read_boxes(path, path.with_name("scan.ply"), True):
+    for tagged in read_boxes(path, path.with_name("scan.ply"), True, 10.0):
         assert tagged.label and np.isfinite(tagged.box.center).all()
 
 

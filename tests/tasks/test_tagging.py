@@ -7,6 +7,7 @@ from pcdbench_tasks.tagging import Tagging
 
 from pcdbench import Box, Case, Measurements, PointCloud, Scene, Skipped, TaggedObject
 from pcdbench.geometry.sampling import poisson_disk_indices
+from pcdbench.geometry.voxels import MAX_VOXELS_A_SIDE
 from pcdbench.testing import check_task, half_missing, small_room
 
 COLORS = ((0.9, 0.2, 0.2), (0.2, 0.8, 0.3), (0.3, 0.4, 0.9), (0.9, 0.8, 0.3))
@@ -113,6 +114,21 @@ def test_objects_that_even_the_truth_hides_are_left_out():
     only_ghost = Scene("row", scene.complete, scene.dense, scene.complete_index, (hidden,))
     with pytest.raises(Skipped, match="points in the complete cloud"):
         evaluate(Case(only_ghost, "holes", 0.3, 0, without(scene, 1).kept), scene.complete)
+
+
+def test_a_box_far_larger_than_its_scene_takes_no_more_pixels_than_a_scene(monkeypatch):
+    shapes = []
+
+    def similarity(answer, truth):
+        shapes.extend([answer.shape, truth.shape])
+        return 1.0
+
+    monkeypatch.setattr("pcdbench_tasks.tagging.six_face_similarity", similarity)
+    scene = furniture()
+    house = TaggedObject("house", Box(np.zeros(3), np.array([1e5, 40.0, 3.0])))
+    tagged = Scene("row", scene.complete, scene.dense, scene.complete_index, (house,))
+    evaluate(Case(tagged, "holes", 0.3, 0, without(scene, 1).kept), scene.complete)
+    assert len(shapes) == 2 and max(map(max, shapes)) <= MAX_VOXELS_A_SIDE + 1
 
 
 def test_what_cannot_be_measured_is_skipped():
