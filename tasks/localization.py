@@ -34,7 +34,8 @@ class Localization(Task):
         scales_m: tuple[Annotated[float, Field(gt=0)], ...] = Field(
             (2.0, 1.0, 0.5),
             min_length=1,
-            description="coarse to fine: voxel sizes of ndt, largest correspondence distances of icp and gicp",
+            description="coarse to fine: voxel sizes of ndt (0.2 m or less leave the guess), largest correspondence "
+            "distances of icp and gicp",
         )
         locations: int = Field(10, ge=1, description="live scans a case")
         radius_m: float = Field(1.5, gt=0, description="locations lie at most this far from the reference position")

@@ -108,8 +108,10 @@ def _panels(count: int, share: bool) -> tuple[Figure, list[Axes]]:
         axis.grid(color="#e6e6e6", linewidth=0.7)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-    for spare in grid[count:]:
+    for place, spare in enumerate(grid[count:], count):
         spare.set_visible(False)
+        # Shared axes write their numbers on the lowest panel, which is not shown here.
+        grid[place - columns].tick_params(labelbottom=True)
     return figure, list(grid[:count])
 
 

@@ -40,7 +40,8 @@ class Tracking(Task):
         scales_m: tuple[Annotated[float, Field(gt=0)], ...] = Field(
             (1.0, 0.5),
             min_length=1,
-            description="coarse to fine: voxel sizes of ndt, largest correspondence distances of gicp",
+            description="coarse to fine: voxel sizes of ndt (0.2 m or less leave the guess), largest correspondence "
+            "distances of gicp",
         )
         constant_velocity: bool = Field(False, description="guess that the last motion goes on, not that it stopped")
         gate_m: float = Field(0.3, gt=0, description="a registration farther than this from its guess is not believed")

@@ -177,6 +177,18 @@ def test_figures(half_room):
     assert len(figures["cdf"].axes) == 2
 
 
+def test_every_lowest_panel_has_numbers_below(half_room):
+    task = Localization(Localization.Options(locations=1))
+    two = rows(half_room, task)
+    five = pd.concat([two[two.level == 0.5], *(two[:1].assign(completer=name, level=0.5) for name in "ab")])
+    figure = task.figures(five)["from_above"]
+    figure.draw_without_rendering()
+    numbered = [
+        any(label.get_visible() for label in axis.get_xticklabels()) for axis in figure.axes if axis.get_visible()
+    ]
+    assert numbered == [False, False, True, True, True]
+
+
 def test_ten_locations_are_fast(half_room):
     evaluated(half_room, half_room.cloud)
     seconds = []
