@@ -30,8 +30,9 @@ def error_cdf(rows: pd.DataFrame, metric: str, label: str) -> Figure:
             values = np.sort(values)
             share = np.arange(1, len(values) + 1) / len(values)
             axis.step(values, share, where="post", color=color, label=completer, linewidth=1.8)
-        axis.set(title=missing_text(level, at_level), xlabel=label, xlim=(0, None), ylim=(0, 1.01))
-    axes[0].set_ylabel("share of the samples")
+        axis.set(title=missing_text(level, at_level), xlabel=label)
+    # Once all is drawn: panels share their axes, and setting a limit ends their growing.
+    axes[0].set(ylabel="share of the samples", xlim=(0, None), ylim=(0, 1.01))
     _legend(figure, axes)
     return figure
 
@@ -46,8 +47,9 @@ def error_by_step(rows: pd.DataFrame) -> Figure:
             axis.plot(steps, errors.mean(axis=0), color=color, label=completer, linewidth=1.8)
             if len(errors) > 3:
                 axis.fill_between(steps, *np.quantile(errors, [0.25, 0.75], axis=0), color=color, alpha=0.12, lw=0)
-        axis.set(title=missing_text(level, at_level), xlabel="step", xlim=(1, None), ylim=(0, None))
-    axes[0].set_ylabel("tracking error (m)")
+        axis.set(title=missing_text(level, at_level), xlabel="step")
+    # As above.
+    axes[0].set(ylabel="tracking error (m)", xlim=(1, None), ylim=(0, None))
     _legend(figure, axes)
     return figure
 

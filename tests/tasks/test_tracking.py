@@ -220,6 +220,17 @@ def test_paths_are_of_one_case_that_all_completers_have():
     assert figure.get_suptitle() == "s, 30% missing (slab), from above"
 
 
+def test_panels_show_the_largest_errors_of_every_level():
+    rows = [drawn("incomplete", 0, "holes", level, 0.0, level) for level in (0.1, 0.5)]
+    for row, errors in zip(rows, ([0.1, 0.1, 0.2], [0.4, 0.9, 1.5]), strict=True):
+        row["samples"] = {"tracking_error_m": errors}
+    figures = Tracking().figures(pd.DataFrame(rows))
+    for axis in figures["cdf"].axes:
+        assert axis.get_xlim()[0] == 0 and axis.get_xlim()[1] >= 1.5 and axis.get_ylim() == (0, 1.01)
+    for axis in figures["error_by_step"].axes:
+        assert axis.get_ylim()[0] == 0 and axis.get_ylim()[1] >= 1.5 and axis.get_xlim()[0] == 1
+
+
 def test_figures_of_real_pairs_say_how_much_was_missing():
     rows = [drawn("incomplete", draw, "real_pair", 0.0, 0.0, missing) for draw, missing in ((0, 0.6), (1, 0.7))]
     figures = Tracking().figures(pd.DataFrame(rows))
