@@ -93,6 +93,8 @@ class Tagging(Task):
             figure = Figure(figsize=(7.0, 1.5 + 0.18 * rates.size), layout="constrained")
             axes = figure.subplots()
             rates.plot.barh(ax=axes, width=0.8)
+            for label in axes.get_yticklabels():
+                label.set_parse_math(False)  # a label may hold dollar signs
             axes.set(xlim=(0, 1), xlabel="failure rate (share of objects)", ylabel="")
             axes.set_title(f"tagging by label, {missing_text(level, rows[rows.level == level])}")
             axes.invert_yaxis()

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pcdbench.errors import told
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.paths import file_name
 from pcdbench.runner.completions import CompletionCache
@@ -68,7 +69,7 @@ def write_task_figures(plan: Plan, rows: Sequence[Mapping[str, Any]], folder: Pa
                 figure.savefig(path, dpi=130)
                 written.append(path)
         except Exception as error:
-            problems.append(f"{plugin.name} could not draw its figures: {type(error).__name__}: {error}")
+            problems.append(f"{plugin.name} could not draw its figures: {told(error)}")
     return written, problems
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, told
 from pcdbench.leaderboard.figures import figures_of
 from pcdbench.leaderboard.summary import samples_table, summarize
 from pcdbench.runner.row_shape import require_sound_rows
@@ -91,7 +91,7 @@ def read_figures(folder: str | Path) -> Figures:
             raise
         except Exception as error:
             # A task of a third party may raise anything; the figures of the others are still wanted.
-            warnings.warn(f"{name} could not draw its figures: {type(error).__name__}: {error}", stacklevel=2)
+            warnings.warn(f"{name} could not draw its figures: {told(error)}", stacklevel=2)
     return Figures(found)
 
 

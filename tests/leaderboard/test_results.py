@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 import pcdbench
 from pcdbench import PcdbenchError
 from pcdbench.cli import app
+from pcdbench.leaderboard.figures import write_task_figures
 from pcdbench.runner import selection
 
 
@@ -66,7 +68,7 @@ def test_samples_are_a_line_each(run_of: Callable[..., Path]) -> None:
 
 
 def test_figures_are_drawn_from_the_rows_and_a_failing_task_is_a_warning(
-    run_of: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+    run_of: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Draws:
         def figures(self, rows: pd.DataFrame) -> dict[str, Figure]:
@@ -76,17 +78,20 @@ def test_figures_are_drawn_from_the_rows_and_a_failing_task_is_a_warning(
 
     class Fails:
         def figures(self, rows: pd.DataFrame) -> dict[str, Figure]:
-            raise KeyError("depth")
+            raise ValueError("no\n  depth")
 
     classes = {"draws": Draws, "fails": Fails}
     monkeypatch.setattr(selection.Plugin, "build", lambda self: classes[self.name]())
     rows = [result_row("a", [1.5], task=task) for task in ("fails", "draws")]
     for row in rows:
         row["task"] |= {"version": "1", "options": {}}
-    with pytest.warns(UserWarning, match="^fails could not draw its figures: KeyError: 'depth'$"):
+    with pytest.warns(UserWarning, match="^fails could not draw its figures: ValueError: no depth$"):
         figures = pcdbench.read_figures(run_of(*rows))
     assert list(figures) == ["draws_cdf"]
     assert figures["draws_cdf"].get_suptitle() == "1 [1.5]"
+    plan = SimpleNamespace(tasks=[selection.Plugin("task", "fails", "1", {})])
+    written, problems = write_task_figures(plan, [row | {"trace": {}} for row in rows], tmp_path / "figures")  # type: ignore[arg-type]
+    assert written == [] and problems == ["fails could not draw its figures: ValueError: no depth"]
 
 
 def test_a_run_without_figures_says_so_in_a_notebook(

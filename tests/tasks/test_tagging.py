@@ -170,6 +170,14 @@ def test_figures_show_the_failure_rate_by_label():
     assert set(widths["ground_truth"].values()) == {0.0}
 
 
+def test_labels_are_no_formulas():
+    label = r"price $\frac{$ tag"
+    row = {"scene": "row", "completer": "c", "labels": {"failure_rate": [label]}, "samples": {"failure_rate": [1.0]}}
+    (figure,) = Tagging().figures(pd.DataFrame([row | {"level": 0.3, "missing": 0.3}])).values()
+    figure.draw_without_rendering()
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [label]
+
+
 def test_each_level_has_a_figure_of_its_own_and_real_pairs_say_how_much_was_missing():
     its = {"scene": "row", "completer": "c", "labels": {"failure_rate": ["chair"]}, "samples": {"failure_rate": [1.0]}}
     rows = [
