@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pcdbench.geometry.duplicates import repeats
 from pcdbench.geometry.neighbors import median_spacing
 from pcdbench.geometry.visibility import MeshRaycaster
 from pcdbench.threads import thread_count
@@ -22,7 +23,7 @@ _FAN = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
 
 
 def surfel_mesh(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (6N, 3) and triangles (4N, 3) of one hexagon a point, tangent to the local surface.
+    """Vertices (6D, 3) and triangles (4D, 3) of one hexagon for each distinct point, tangent to the local surface.
 
     The normal is the direction of least spread of the nearest points; the radius is the
     distance to the third nearest point, at most three times the cloud's median of it, so that sparse regions stay
@@ -31,6 +32,9 @@ def surfel_mesh(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArr
     Args:
         points: (N, 3) metres; fewer than four have no surface, and no triangles.
     """
+    if len(points):
+        # Copies of a point would be its nearest, and leave it a disk of no size.
+        points = points[~repeats(points)]
     if len(points) < FEWEST_POINTS:
         return np.empty((0, 3)), np.empty((0, 3), np.int64)
     center = points.mean(axis=0)

@@ -44,6 +44,17 @@ def test_a_handful_of_points_hide_nothing(count):
     assert len(shown(SurfelCloud(points), np.eye(4), 10.0)) == count
 
 
+@pytest.mark.parametrize("times", [2, 4, 12])
+def test_copies_of_points_change_no_disk(times):
+    points = np.concatenate([plane(1.0, 0.5), plane(3.0, 3.0)])
+    vertices, triangles = surfel_mesh(np.repeat(points, times, axis=0))
+    expected_vertices, expected_triangles = surfel_mesh(points)
+    assert np.array_equal(vertices, expected_vertices) and np.array_equal(triangles, expected_triangles)
+    assert len(shown(SurfelCloud(np.repeat(points, times, axis=0)), np.eye(4), 10.0)) == times * len(
+        shown(SurfelCloud(points), np.eye(4), 10.0)
+    )
+
+
 def test_a_board_hides_the_wall_behind_it_and_nothing_else():
     board, wall = plane(1.0, 0.5), plane(3.0, 3.0)
     cloud = SurfelCloud(np.concatenate([board, wall]))
