@@ -32,18 +32,26 @@ def begin_worker(threads: int, output: int | None = None) -> None:
     """
     limit_threads(threads)
     console = os.fdopen(os.dup(2), "w", buffering=1)
-    # Native libraries print to standard output, where the parent's tables and JSON go.
-    if output is not None:
-        os.dup2(output, 2)
-    os.dup2(2, 1)
+    take_output(2 if output is None else output)
     _flush_line_by_line()
     warn_in_one_line(console)
     end_as_a_group()
-    faulthandler.enable(file=2, all_threads=False)
+    faulthandler.enable(file=2 if output is None else output, all_threads=False)
     if output is not None:
         # SIGTERM ends a step that hangs: where it hung is printed first, even if native code holds the interpreter.
-        faulthandler.register(signal.SIGTERM, file=2, all_threads=False, chain=True)
+        faulthandler.register(signal.SIGTERM, file=output, all_threads=False, chain=True)
     _be_killed_before_the_parent()
+
+
+def take_output(descriptor: int) -> None:
+    """Have all that is printed from now on go to this file, whatever a plugin has done to standard output and error.
+
+    Native libraries print to standard output, where the parent's tables and JSON go.
+    """
+    for stream, taken in (("stdout", 1), ("stderr", 2)):
+        os.dup2(descriptor, taken)
+        if getattr(getattr(sys, stream), "closed", False):
+            setattr(sys, stream, os.fdopen(taken, "w", buffering=1, closefd=False))
 
 
 def end_group(pid: int) -> None:

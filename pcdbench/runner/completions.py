@@ -51,7 +51,8 @@ class CompletionCache:
     """
 
     def __init__(self, folder: Path | None = None, limit_mb: float | None = None) -> None:
-        self.folder = cache_dir() / "completions" if folder is None else folder
+        # A completer may change the working folder before its completion is kept.
+        self.folder = (cache_dir() / "completions" if folder is None else folder).absolute()
         self.limit_bytes = (_limit_mb() if limit_mb is None else limit_mb) * 1e6
         self._written = 0
 

@@ -13,7 +13,7 @@ import numpy as np
 from pcdbench.case import Case, make_case
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer, ReferenceCompleter
-from pcdbench.errors import PcdbenchError, PluginError, Skipped
+from pcdbench.errors import PcdbenchError, PluginError, Skipped, told
 from pcdbench.keys import digest, seed_from
 from pcdbench.runner.completions import Completion, CompletionCache
 from pcdbench.runner.measuring import Cost
@@ -233,9 +233,8 @@ def _at(stage: Stage, work: Callable[[], T]) -> T:
         raise Failure("failed", stage, str(error)) from error
     except BaseException as error:
         # Plugins may raise anything, SystemExit too; it is their cell that fails, not the run.
-        message = " ".join(str(error).split())
         lines = traceback.format_exc().splitlines()[-_TRACEBACK_LINES:]
-        raise Failure("failed", stage, f"{type(error).__name__}: {message}"[:500], "\n".join(lines)) from error
+        raise Failure("failed", stage, told(error)[:500], "\n".join(lines)) from error
 
 
 def _failed_row(base: Row, cell: Cell, task: Plugin, failure: Failure) -> Row:

@@ -10,21 +10,22 @@ import faulthandler
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from concurrent.futures import wait
-from dataclasses import dataclass, field
+from concurrent.futures import Future, wait
+from dataclasses import dataclass, field, replace
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Literal
 
 from pebble import ProcessExpired, ProcessPool
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, told
 from pcdbench.runner.jobs import Job, Limits
 from pcdbench.runner.measuring import resident_bytes
 from pcdbench.runner.output import Output, clear, last_lines
 from pcdbench.runner.selection import Plugin
-from pcdbench.workers import begin_worker, end_group
+from pcdbench.workers import begin_worker, end_group, take_output
 
 if TYPE_CHECKING:
     from pcdbench.runner.execute import Executor, Step
@@ -36,7 +37,7 @@ _LOOK_EVERY_SECONDS = 0.1
 _LOOKS_UNTIL_LOST = 10
 _STARTING_SECONDS = 600.0
 _LAST_RESORT_SECONDS = 30.0
-_STDERR = 2
+_DYING_SECONDS = 3.0
 
 
 class Stopped(Exception):
@@ -162,6 +163,9 @@ class IsolatedWorker:
                 attempt.rows += answer.rows
         if attempt.death is not None:
             self.close()
+            # What an earlier cell left behind must not cost a scene all of its cells.
+            if attempt.death.crash and attempt.stage in _made_for(job.cell) and self._jobs > 1:
+                attempt.death = replace(attempt.death, worn=True)
         return attempt
 
     def _start(self, job: Job) -> Death | None:
@@ -179,10 +183,12 @@ class IsolatedWorker:
         if self._stopped.is_set() or self._pool is None:
             raise Stopped
         limit_gb = self._limits.memory_gb
-        over = lost = False
+        over = lost = late = False
         looks_gone = 0
+        # Pebble's own limit goes by the clock on the wall, which is set, and leaps when a machine wakes up.
+        deadline = time.monotonic() + timeout_seconds
         try:
-            future = self._pool.schedule(function, args=(argument,), timeout=timeout_seconds)
+            future = self._pool.schedule(function, args=(argument,))
         except RuntimeError:
             return self._death("its worker process ended between two steps", crash=True, worn=self._jobs > 1)
         while not wait([future], _LOOK_EVERY_SECONDS).done:
@@ -192,7 +198,8 @@ class IsolatedWorker:
                 end_group(self._pid)
             looks_gone = looks_gone + 1 if self._pid and not _is_there(self._pid) else 0
             lost = looks_gone > _LOOKS_UNTIL_LOST
-            if lost or self._stopped.is_set():
+            late = time.monotonic() > deadline
+            if lost or late or self._stopped.is_set():
                 break
         if self._stopped.is_set():
             raise Stopped
@@ -201,14 +208,16 @@ class IsolatedWorker:
             return self._death(limit, worn=self._jobs > 1)
         if lost:
             return self._death(_ending(0), crash=True)
+        if late:
+            if self._pid:
+                _end_and_say_where(self._pid, future)
+            return self._death(f"no answer after {timeout_seconds:g} s (--timeout)", status="timeout")
         try:
             return future.result()
         except ProcessExpired as expired:
             return self._death(_ending(expired.exitcode), crash=True)
-        except TimeoutError:
-            return self._death(f"no answer after {timeout_seconds:g} s (--timeout)", status="timeout")
         except BaseException as error:
-            return self._death(f"its worker process failed: {type(error).__name__}: {error}", crash=True)
+            return self._death(f"its worker process failed: {told(error)}", crash=True)
 
     def _death(self, error: str, **how: Any) -> Death:
         return Death(error, output=self._output.last_lines(), **how)
@@ -244,6 +253,14 @@ def _ending(exitcode: int | None) -> str:
     return f"its worker process died of {name}: {cause}"
 
 
+def _end_and_say_where(pid: int, future: Future[Any]) -> None:
+    """End a process that hangs; it prints first where, if it can (see `begin_worker`)."""
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(pid, signal.SIGTERM)
+    wait([future], _DYING_SECONDS)
+    end_group(pid)
+
+
 def _is_there(pid: int) -> bool:
     try:
         os.kill(pid, 0)
@@ -256,13 +273,27 @@ def _is_there(pid: int) -> bool:
 
 _executor: Executor | None = None
 _steps: Iterator[Step] = iter(())
-_begun: tuple[Plugin, float]
+_begun: _Begun
+
+
+@dataclass(frozen=True)
+class _Begun:
+    """What this process began with, whatever plugins have done to it since."""
+
+    dataset: Plugin
+    timeout_seconds: float
+    output: Connection
+    folder: str
+    pid: int
 
 
 def _begin(dataset: Plugin, threads: int, timeout_seconds: float, output: Connection) -> None:
     global _begun
     begin_worker(threads, output.fileno())
-    _begun = (dataset, timeout_seconds)
+    folder = os.curdir
+    with contextlib.suppress(OSError):  # where it is gone, there is nothing to come back to
+        folder = os.getcwd()
+    _begun = _Begun(dataset, timeout_seconds, output, folder, os.getpid())
 
 
 def _get_ready(job: Job) -> int:
@@ -272,8 +303,8 @@ def _get_ready(job: Job) -> int:
     from pcdbench.runner.completions import CompletionCache
     from pcdbench.runner.execute import Executor
 
-    _executor = Executor(_begun[0], CompletionCache())
-    for plugin in (_begun[0], job.cell.incompleteness, job.cell.completer, *job.tasks):
+    _executor = Executor(_begun.dataset, CompletionCache())
+    for plugin in (_begun.dataset, job.cell.incompleteness, job.cell.completer, *job.tasks):
         with contextlib.suppress(PcdbenchError):
             registry().get(plugin.kind, plugin.name).load()
     return os.getpid()
@@ -283,16 +314,23 @@ def _step(job: Job | None) -> Step:
     """The next step of the job at hand, or the first one of `job`."""
     global _steps
     assert _executor is not None
+    output = _begun.output.fileno()
+    # Relative paths, of data sets, weights and the cache, are those of the command: a plugin may have gone elsewhere.
+    with contextlib.suppress(OSError):
+        os.chdir(_begun.folder)
     if job is not None:
-        clear(_STDERR)
+        take_output(output)
+        clear(output)
         _steps = _executor.steps(job.cell, job.tasks)
     # Where the parent is gone and native code hangs, nobody else ends this process.
-    faulthandler.dump_traceback_later(_begun[1] + _LAST_RESORT_SECONDS, exit=True, file=_STDERR)
+    faulthandler.dump_traceback_later(_begun.timeout_seconds + _LAST_RESORT_SECONDS, exit=True, file=output)
     try:
         step = next(_steps)
     finally:
+        if os.getpid() != _begun.pid:
+            os._exit(0)  # a plugin forked and came back twice: there is one worker
         faulthandler.cancel_dump_traceback_later()
     for row in step.rows:
         if row["status"] == "failed":
-            row["output"] = last_lines(_STDERR)
+            row["output"] = last_lines(output)
     return step

@@ -3,6 +3,7 @@
 import os
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -142,6 +143,68 @@ def test_what_dies_once_is_tried_again_and_what_raises_is_not(run_rows, tmp_path
     assert mark.exists() and once["status"] == "ok"
     assert always["error"].endswith("a crash in native code, 2 times")
     assert raised["error"] == "ZeroDivisionError: no plane"
+
+
+def test_what_a_cell_does_to_its_process_costs_no_other_cell(run_rows):
+    ways = ["hush", "raise", "shut", "raise", "garble", ""]
+    rows = run_rows(f"tiny_troubled.how={','.join(ways)}", levels=TENTHS[: len(ways)])
+    hushed, first, shut, second, garbled, last = (rows[level, "tiny_blind"] for level in TENTHS[: len(ways)])
+    assert [row["status"] for row in (hushed, shut, last)] == ["ok"] * 3
+    assert first["output"] == second["output"] == "about to raise", "printed after the output was taken away"
+    assert garbled["error"] == "Unspeakable: (its message cannot be shown)"
+
+
+def test_a_folder_that_a_plugin_goes_to_is_left_again(run_rows, tmp_path, monkeypatch):
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PCDBENCH_CACHE", "cache")
+    rows = run_rows(f"tiny_troubled.how=wander:{tmp_path / 'elsewhere'},mark:mark", levels=TENTHS[:2])
+    assert rows[0.2, "tiny_blind"]["status"] == "failed" and (tmp_path / "mark").exists()
+    assert not list((tmp_path / "elsewhere").iterdir())
+
+
+def test_a_copy_of_the_worker_that_a_plugin_forks_does_not_outlive_its_step(tmp_path, monkeypatch):
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    options = [f"tiny_troubled.how=fork:{tmp_path / 'pid'}", "tiny.scenes=1"]
+    planned = plan(replace(TINY, levels=[0.1, 0.2], options=options))
+    worker = IsolatedWorker(planned.dataset, 1, LIMITS)
+    try:
+        statuses = [row["status"] for job in missing_jobs(planned, set()) for row in worker.rows(job)]
+        deadline = time.monotonic() + 10
+        while state((tmp_path / "pid").read_text()) not in ("gone", "Z") and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert state((tmp_path / "pid").read_text()) in ("gone", "Z")
+    finally:
+        worker.close()
+    assert statuses == ["ok", "ok"]
+
+
+def test_a_crash_that_an_earlier_cell_left_behind_costs_a_scene_no_cell(tmp_path, monkeypatch):
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    options = ["tiny_troubled.how=linger", "tiny.seconds=0.6", "tiny.scenes=2"]
+    planned = plan(replace(TINY, levels=[0.1], options=options))
+    worker = IsolatedWorker(planned.dataset, 1, LIMITS)
+    try:
+        first, other = missing_jobs(planned, set())
+        assert [row["status"] for row in worker.rows(first) + worker.rows(other)] == ["ok", "ok"]
+    finally:
+        worker.close()
+
+
+def test_setting_the_clock_ends_no_step(run_rows, monkeypatch):
+    wall = time.time
+    start = wall()
+    monkeypatch.setattr(time, "time", lambda: wall() + 3600 * (wall() - start) // 1)
+    rows = run_rows("tiny_fill.seconds=1.5", completers=["tiny_fill"], levels=[0.1])
+    assert rows[0.1, "tiny_blind"]["status"] == "ok"
+
+
+def state(pid):
+    """One letter, as the kernel has it."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "gone"
 
 
 def test_memory_that_earlier_cells_left_behind_is_not_held_against_a_cell(run_rows):

@@ -59,6 +59,11 @@ def register_tasks(register: Register) -> None:
 _hoard: list[np.ndarray] = []
 
 
+class Unspeakable(Exception):
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+
 def misbehave(how: str) -> None:
     """Do one of the things that no plugin should, having said so; `mark:PATH` crashes until the file is there."""
     if how:
@@ -110,6 +115,20 @@ def misbehave(how: str) -> None:
             child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
             Path(path).write_text(str(child.pid))
             time.sleep(600)
+        case "hush":
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, 1)
+            os.dup2(nowhere, 2)
+        case "shut":
+            sys.stdout.close()
+            os.close(2)
+        case "garble":
+            raise Unspeakable
+        case "fork":
+            if not os.fork():
+                Path(path).write_text(str(os.getpid()))
+        case "wander":
+            os.chdir(path)
         case "warn":
             warnings.warn("a scan is odd", pcdbench.formats.CloudWarning, stacklevel=1)
             warnings.warn("an interface is old", DeprecationWarning, stacklevel=1)
