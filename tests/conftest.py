@@ -125,7 +125,7 @@ def tiny_plugins(monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """The plugins of tests/tiny, installed for this test, its worker processes and the commands it runs."""
     folder = ROOT / "tests" / "tiny"
     monkeypatch.syspath_prepend(folder)
-    monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
     registry.cache_clear()
     yield folder
     registry.cache_clear()

@@ -75,6 +75,16 @@ def test_registering_imports_nothing_and_loading_says_why_it_failed(entry_point:
         found.get("task", "later").load()
 
 
+def test_a_module_that_ends_its_process_is_one_that_cannot_be_loaded(
+    entry_point: Callable[..., EntryPoint], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a_script_without_a_guard.py").write_text("import sys\nsys.exit(2)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = load_registry([entry_point("script", register_tasks=registering("its", "a_script_without_a_guard:Task"))])
+    with pytest.raises(PluginError, match=r"task 'its' from .* cannot be loaded from .*: SystemExit: 2$"):
+        found.get("task", "its").load()
+
+
 def test_loading_a_class_that_its_module_lacks_is_one_line(entry_point: Callable[..., EntryPoint]) -> None:
     found = load_registry([entry_point("lazy", register_tasks=registering("later", "json:NoSuchThing"))])
     with pytest.raises(PluginError, match="NoSuchThing"):
@@ -161,8 +171,12 @@ def test_a_broken_plugin_costs_nothing_but_itself(entry_point: Callable[..., Ent
         register("half_done", "x:Y", "registered before the error")
         raise ValueError("the plugin's own bug")
 
+    def leave(register: Register) -> None:
+        sys.exit("usage: leaving FILE")
+
     found = load_registry(
         [
+            entry_point("leaving", register_completers=leave),
             EntryPoint("missing", "no_such_module_anywhere", GROUP),
             entry_point("exploding", register_tasks=explode),
             entry_point("fine", register_tasks=registering("good")),
@@ -172,6 +186,7 @@ def test_a_broken_plugin_costs_nothing_but_itself(entry_point: Callable[..., Ent
     errors = {origin.split()[1]: error for origin, error in found.broken.items()}
     assert errors["(missing"].startswith("ModuleNotFoundError")
     assert errors["(exploding"] == "ValueError: the plugin's own bug"
+    assert errors["(leaving"] == "SystemExit: usage: leaving FILE"
     with pytest.raises(PluginError, match=r"not loaded: .*exploding.*missing.*pcdbench list"):
         found.get("task", "half_done")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import io
+import os
 import sys
 from typing import Annotated
 
@@ -29,9 +30,11 @@ from pcdbench.cli import (
 from pcdbench.errors import PcdbenchError, warn_in_one_line
 from pcdbench.threads import thread_count
 
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+
 
 class _Commands(TyperGroup):
-    """Commands whose expected ends are one line each: an error the user can mend, and Ctrl-C."""
+    """Commands whose expected ends are one line each: an error the user can mend, a full disk, and Ctrl-C."""
 
     def invoke(self, ctx: typer.Context) -> object:  # type: ignore[override]  # typer keeps its own name for it
         try:
@@ -39,15 +42,24 @@ class _Commands(TyperGroup):
         except PcdbenchError as error:
             typer.echo(f"pcdbench: {error}", err=True)
             raise typer.Exit(2) from error
+        except OSError as error:
+            if error.errno not in _FULL:
+                raise
+            _give_up_printing()
+            what = error.filename or "what is printed"
+            typer.echo(f"pcdbench: {what} cannot be written ({error.strerror}); make room there", err=True)
+            raise typer.Exit(2) from error
         except KeyboardInterrupt:
             typer.echo("pcdbench: stopped", err=True)
             raise typer.Exit(130) from None
-        except OSError as error:
-            if error.errno not in (errno.ENOSPC, errno.EDQUOT):
-                raise
-            place = error.filename or "what is printed"
-            typer.echo(f"pcdbench: {place} cannot be written ({error.strerror}); make room and try again", err=True)
-            raise typer.Exit(2) from error
+
+
+def _give_up_printing() -> None:
+    """Nothing goes to standard output any more, nor what waits in its buffer until the end."""
+    if sys.stdout is not None and sys.stdout is sys.__stdout__:
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 app = typer.Typer(cls=_Commands, no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)

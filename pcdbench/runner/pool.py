@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from queue import SimpleQueue
 from typing import TYPE_CHECKING
 
+from pcdbench.errors import PcdbenchError
 from pcdbench.runner.isolated import IsolatedWorker, Stopped
 from pcdbench.runner.jobs import Job, JobQueue, Limits
 from pcdbench.runner.selection import Plugin
@@ -37,7 +38,10 @@ class LocalProcesses:
         queue = JobQueue(jobs)
         results: _Results = SimpleQueue()
         threads = max(1, thread_count() // self.workers)
-        workers = [IsolatedWorker(dataset, threads, self.limits) for _ in range(min(self.workers, len(jobs)))]
+        try:
+            workers = [IsolatedWorker(dataset, threads, self.limits) for _ in range(min(self.workers, len(jobs)))]
+        except OSError as error:
+            raise _refused(error) from error
         lanes = [threading.Thread(target=_work, args=(worker, queue, results), daemon=True) for worker in workers]
         for lane in lanes:
             lane.start()
@@ -67,7 +71,16 @@ def _work(worker: IsolatedWorker, queue: JobQueue, results: _Results) -> None:
             results.put((job, worker.rows(job)))
     except Stopped:
         return
+    except OSError as error:
+        results.put(_refused(error))
     except BaseException as error:
         results.put(error)
     finally:
         worker.close()
+
+
+def _refused(error: OSError) -> PcdbenchError:
+    return PcdbenchError(
+        f"a worker process cannot be started ({error.strerror}); give fewer --jobs, or the system's limits (ulimit -n) "
+        "more room"
+    )

@@ -14,7 +14,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from pcdbench.downloads import downloaded, is_address
-from pcdbench.errors import PcdbenchError, PluginError, problem_text
+from pcdbench.errors import PcdbenchError, PluginError, problem_text, told
 from pcdbench.keys import canonical_json, digest, file_digest
 from pcdbench.plugins import KINDS, Kind, did_you_mean, registry
 from pcdbench.runner.cards import checked_card
@@ -195,10 +195,8 @@ def _with_weights(plugin: Plugin, cls: Any) -> Plugin:
         card, weights = checked_card(plugin.name, built.model_card()), built.weights_digest()
     except PcdbenchError:
         raise
-    except Exception as error:
-        raise PluginError(
-            f"completer {plugin.name!r} cannot say which weights it uses: {type(error).__name__}: {error}"
-        ) from error
+    except (Exception, SystemExit) as error:
+        raise PluginError(f"completer {plugin.name!r} cannot say which weights it uses: {told(error)}") from error
     if not (weights is None or isinstance(weights, str)):
         kind = type(weights).__name__
         raise PluginError(f"completer {plugin.name!r}: weights_digest() must return a text or None, not {kind}")

@@ -183,6 +183,28 @@ def test_a_full_disk_ends_the_run_in_one_line_and_nothing_is_lost(run, tmp_path,
     assert outcome(small_disk / "run") == outcome(tmp_path / "whole")
 
 
+def test_a_table_that_no_disk_takes_is_one_line(tiny_plugins):
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run([*COMMAND, "list"], stdout=full, stderr=subprocess.PIPE, text=True)
+    assert ended.returncode == 2
+    assert ended.stderr == "pcdbench: what is printed cannot be written (No space left on device); make room there\n"
+
+
+def test_what_is_opened_takes_no_closed_streams_place_here_or_in_a_child():
+    script = """
+import os, subprocess, sys
+from pcdbench import __main__
+
+sys.argv = ["pcdbench", "--version"]
+try:
+    __main__.main()
+except SystemExit:
+    assert os.open(os.devnull, os.O_RDONLY) > 2
+    subprocess.run([sys.executable, "-c", "import os; os.dup(1)"], check=True)
+"""
+    subprocess.run(["sh", "-c", '"$@" >&-', "sh", sys.executable, "-c", script], check=True)
+
+
 def test_the_same_command_finds_its_folder_and_does_only_what_is_missing(run, tmp_path):
     arguments = ["run", "--completer", "tiny_fill", "--task", "tiny_gap,tiny_color", *TINY]
     first = run(*arguments)

@@ -1,5 +1,6 @@
 """The cells of a run, their seeds and their keys."""
 
+import sys
 from dataclasses import replace
 
 import pytest
@@ -101,6 +102,13 @@ def test_all_says_what_clashes_and_which_plugin_is_broken(monkeypatch):
     planned = plan(replace(TINY, completers=["all"]))
     assert planned.left_out["broken 1.0 (a = b)"] == "RuntimeError: a bug"
     assert "is registered by" in planned.left_out["tiny_fill"] and "another 1.0" in planned.left_out["tiny_fill"]
+
+
+def test_a_completer_that_ends_the_process_when_it_is_built_cannot_be_used(monkeypatch):
+    cls = registry().get("completer", "tiny_fill").load()
+    monkeypatch.setattr(cls, "weights_digest", lambda self: sys.exit("no weights"))
+    with pytest.raises(PluginError, match=r"^completer 'tiny_fill' cannot say .*: SystemExit: no weights$"):
+        plan(TINY)
 
 
 def test_asked_for_by_name_it_is_an_error():

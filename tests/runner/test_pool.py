@@ -1,5 +1,6 @@
 """Worker processes: the same rows from any number of them, crashes that cost one cell, and what is missing only."""
 
+import errno
 from dataclasses import replace
 
 import pytest
@@ -7,6 +8,7 @@ from executor_for_tests import InThisProcess
 from outcomes_for_tests import outcomes
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner import isolated
 from pcdbench.runner.jobs import Job, JobQueue
 from pcdbench.runner.plan import Request, plan
 from pcdbench.runner.progress import RemainingTime, duration
@@ -86,6 +88,16 @@ def test_not_one_usable_scene_is_an_error_that_names_the_first(tmp_path):
 def test_no_workers_is_an_error(tmp_path):
     with pytest.raises(PcdbenchError, match="--jobs 0"):
         carry_out(plan(TINY), tmp_path / "run", local_processes(0))
+
+
+@pytest.mark.parametrize("lacking", ["Output", "ProcessPool"])
+def test_workers_that_the_system_refuses_are_one_line(tmp_path, monkeypatch, lacking):
+    def refuse(*arguments, **named):
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(isolated, lacking, refuse)
+    with pytest.raises(PcdbenchError, match=r"cannot be started \(Too many open files\); give fewer --jobs"):
+        carry_out(plan(TINY), tmp_path / "run", local_processes(2))
 
 
 def test_workers_limit_their_threads(tmp_path):
