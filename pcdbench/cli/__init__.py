@@ -56,9 +56,10 @@ class _Commands(TyperGroup):
 
 def _give_up_printing() -> None:
     """Nothing goes to standard output any more, nor what waits in its buffer until the end."""
-    if sys.stdout is not None and sys.stdout is sys.__stdout__:
+    printed = sys.__stdout__
+    if printed is not None and printed is sys.stdout:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
+        os.dup2(nowhere, printed.fileno())
         os.close(nowhere)
 
 
