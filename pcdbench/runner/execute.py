@@ -15,11 +15,12 @@ from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer, ReferenceCompleter
 from pcdbench.errors import PcdbenchError, PluginError, Skipped, told
 from pcdbench.keys import digest, seed_from
+from pcdbench.plugins import registry
 from pcdbench.runner.completions import Completion, CompletionCache
 from pcdbench.runner.measuring import Cost
 from pcdbench.runner.plan import Cell
 from pcdbench.runner.rows import Row, base_row, new_row, samples_by_metric
-from pcdbench.runner.selection import Plugin
+from pcdbench.runner.selection import Plugin, code_digest
 from pcdbench.scene import Scene
 from pcdbench.task import Measurements, Task
 
@@ -100,7 +101,7 @@ class Executor:
         incompleteness = cell.incompleteness
 
         def make() -> Case:
-            maker = self._remember("incompleteness", incompleteness.identity, incompleteness.build)
+            maker = self._remember("incompleteness", incompleteness.identity, lambda: _as_planned(incompleteness))
             case = make_case(scene, incompleteness.name, maker, cell.level, cell.seed)
             if not case.kept.any():
                 raise Skipped(f"nothing is left of {cell.scene} at level {cell.level:g}")
@@ -120,7 +121,7 @@ class Executor:
             found = self._cache.get(cache_key)
             if found is not None:
                 return found, True
-        completer = self._remember("completer", plugin.identity, lambda: _at("completing", plugin.build))
+        completer = self._remember("completer", plugin.identity, lambda: _at("completing", lambda: _as_planned(plugin)))
         rng = np.random.default_rng(seed_from("completer", cell.key))
         completion = _at("completing", lambda: completed(completer, case, rng))
         if not plugin.reference:
@@ -130,7 +131,7 @@ class Executor:
     def _measured_row(self, base: Row, cell: Cell, task: Plugin, case: Case, cloud: PointCloud) -> Row:
         cost = Cost()
         try:
-            evaluator = self._remember("task", task.identity, lambda: _at("evaluating", task.build))
+            evaluator = self._remember("task", task.identity, lambda: _at("evaluating", lambda: _as_planned(task)))
             samples = _at("evaluating", lambda: measured(evaluator, cell, task, case, cloud, cost))
         except Failure as failure:
             return _failed_row(base, cell, task, failure) | {"evaluating": cost.as_json()}
@@ -155,7 +156,7 @@ class Executor:
         return dataset.scene(cell.scene)
 
     def _open(self) -> Any:
-        return self._remember("dataset", self._dataset.identity, self._dataset.build)
+        return self._remember("dataset", self._dataset.identity, lambda: _as_planned(self._dataset))
 
     def _remember(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
         """What `make` gave for this key before, or gives now, a failure too; few scenes and cases, every plugin."""
@@ -219,6 +220,26 @@ def measured(evaluator: Task, cell: Cell, task: Plugin, case: Case, cloud: Point
     if not isinstance(measurements, Measurements):
         raise PluginError(f"the task returned {type(measurements).__name__}, not pcdbench.Measurements")
     return samples_by_metric(evaluator, measurements)
+
+
+def _as_planned(plugin: Plugin) -> Any:
+    """A new instance of a plugin.
+
+    Raises:
+        PcdbenchError: where its code or its weights are not those that the run's keys and configuration tell of: they
+            have changed since it was planned, or are others on this machine.
+    """
+    built = plugin.build()
+    if code_digest(registry().get(plugin.kind, plugin.name).load()) != plugin.code:
+        what = "code of {} is not that"
+    elif plugin.weights is not None and built.weights_digest() != plugin.weights:
+        what = "weights of {} are not those"
+    else:
+        return built
+    raise PcdbenchError(
+        f"the {what.format(plugin.name)} that the run was planned with; give the command again, or the same files to "
+        "all machines"
+    )
 
 
 def _at(stage: Stage, work: Callable[[], T]) -> T:

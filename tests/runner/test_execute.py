@@ -3,6 +3,7 @@
 import gc
 import json
 import weakref
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -53,6 +54,20 @@ def test_a_row_holds_what_was_measured_and_how(run_rows):
     assert row["points"] == {"complete": 300, "incomplete": 210, "completed": 710}
     assert row["completing"]["seconds"] > 0 and row["completing"]["cached"] is False
     assert row["device"] == "cpu" and row["threads"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"weights": "0" * 64}, "the weights of tiny_fill are not those"),
+        ({"code": "x"}, "the code of tiny_fill is not"),
+    ],
+)
+def test_what_changed_since_the_plan_is_not_measured_under_its_key(tmp_path, changed, message):
+    planned = plan(Request(["tiny_fill"], ["tiny_gap"], "tiny", None, ["slab"], [0.3], references=False))
+    cell = replace(planned.cells[0], completer=replace(planned.completers[0], **changed))
+    (row,) = Executor(planned.dataset, CompletionCache(tmp_path)).rows(cell, planned.tasks)
+    assert (row["status"], row["stage"]) == ("failed", "completing") and row["error"].startswith(message)
 
 
 def test_density_is_capped_before_the_task_sees_it(run_rows):
