@@ -31,29 +31,19 @@ class StoredRows(Sequence[Row]):
         path: a `rows.jsonl`; rows may be appended to it meanwhile. Where there is none, there are no rows.
 
     Raises:
-        PcdbenchError: where a line is damaged. A last line without its end is a write that was cut off:
-            it is left out.
+        PcdbenchError: where the file cannot be read or a line is damaged. A last line without its end is a write
+            that was cut off: it is left out.
     """
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        places: dict[str, _Place] = {}
-        if path.exists():
-            with path.open("rb") as stream:
-                offset = 0
-                for number, line in enumerate(stream, start=1):
-                    if not line.endswith(b"\n"):
-                        break
-                    try:
-                        row = orjson.loads(line)
-                        places[row["key"]] = _Place(offset, len(line), row.get("status") in _FINISHED)
-                    except (ValueError, KeyError, TypeError, AttributeError):
-                        raise PcdbenchError(
-                            f"{path}, line {number}, is damaged; delete that line and run again"
-                        ) from None
-                    offset += len(line)
-        self._places = places
-        self._in_order = tuple(places.values())
+        try:
+            self._places = _places(path)
+        except FileNotFoundError:
+            self._places = {}
+        except OSError as error:
+            raise PcdbenchError(f"{path} cannot be read ({error.strerror}); check the file and its folder") from None
+        self._in_order = tuple(self._places.values())
 
     @property
     def finished_keys(self) -> set[str]:
@@ -81,3 +71,20 @@ class StoredRows(Sequence[Row]):
                 for place in places:
                     stream.seek(place.offset)
                     yield orjson.loads(stream.read(place.length))
+
+
+def _places(path: Path) -> dict[str, _Place]:
+    """Where the newest row of each key is, in the order in which keys first appear."""
+    places: dict[str, _Place] = {}
+    offset = 0
+    with path.open("rb") as stream:
+        for number, line in enumerate(stream, start=1):
+            if not line.endswith(b"\n"):
+                break
+            try:
+                row = orjson.loads(line)
+                places[row["key"]] = _Place(offset, len(line), row.get("status") in _FINISHED)
+            except (ValueError, KeyError, TypeError, AttributeError):
+                raise PcdbenchError(f"{path}, line {number}, is damaged; delete that line and run again") from None
+            offset += len(line)
+    return places

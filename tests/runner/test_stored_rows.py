@@ -66,6 +66,12 @@ def test_a_damaged_line_is_named(tmp_path: Path, line: bytes) -> None:
         StoredRows(path)
 
 
+def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    (tmp_path / "rows.jsonl").mkdir()
+    with pytest.raises(PcdbenchError, match=r"rows\.jsonl cannot be read \(Is a directory\)"):
+        StoredRows(tmp_path / "rows.jsonl")
+
+
 def test_a_large_file_is_not_held_in_memory(tmp_path: Path) -> None:
     path = tmp_path / "rows.jsonl"
     with path.open("w") as stream:
