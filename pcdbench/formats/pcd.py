@@ -122,7 +122,7 @@ def write(
     ]
     with path.open("wb") as stream:
         stream.write("\n".join(header).encode())
-        rows.tofile(stream)
+        stream.write(rows.data)
 
 
 def _header(stream: BinaryIO, path: Path) -> dict[str, list[str]]:

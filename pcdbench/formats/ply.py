@@ -137,7 +137,7 @@ def write(
     header += [f"property {_NAMES[kind.str[1:]]} {name}" for name, kind in kinds.items()]
     with path.open("wb") as stream:
         stream.write("\n".join([*header, "end_header\n"]).encode())
-        rows.tofile(stream)
+        stream.write(rows.data)
 
 
 def _storable(column: NDArray[Any]) -> NDArray[Any]:

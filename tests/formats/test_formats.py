@@ -1,6 +1,7 @@
 """Every format keeps what it is given: millimetres at map coordinates, 8-bit colours exactly."""
 
 import os
+import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -216,6 +217,18 @@ def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch):
         write_cloud(made_cloud(20), path)
     assert len(read_cloud(path)) == 10
     assert [found.name for found in tmp_path.iterdir()] == ["room.ply"]
+
+
+@pytest.mark.parametrize("name", ["room.ply", "room.pcd"])
+def test_a_disk_that_fills_while_a_cloud_is_written_is_named(tmp_path, name):
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        with pytest.raises(CloudError, match=rf"{name} cannot be written: File too large"):
+            write_cloud(made_cloud(6000), tmp_path / name)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
 
 
 def test_unwritable_places_are_named(tmp_path):
