@@ -7,6 +7,9 @@ import sys
 def main() -> None:
     """Run the command line."""
     _occupy_closed_streams()
+    # A worker starts as `python -c`, which would take modules, those of Python itself too, from the working folder
+    # first: from a stranger's run, say. Workers drop it again (see `begin_worker`), for what plugins start.
+    os.environ.setdefault("PYTHONSAFEPATH", "pcdbench")
     try:
         from pcdbench.cli import main as command_line
 

@@ -2,6 +2,8 @@
 
 import ast
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -85,6 +87,36 @@ def test_a_run_that_names_code_of_its_own_runs_none_of_it(tmp_path: Path, monkey
         with pytest.raises(PcdbenchError, match="no task is called"):
             pcdbench.read_figures(tmp_path)
     assert not (tmp_path / "ran").exists()
+
+
+def test_workers_take_no_module_of_the_working_folder(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "selectors.py").write_text("raise SystemExit('code of the folder')")
+    # As the console script is: its own folder, and not the working one, is where Python looks first.
+    (tmp_path / "script.py").write_text(
+        """
+import multiprocessing, os, sys
+from pcdbench import __main__
+from pcdbench.workers import begin_worker
+
+def work():
+    begin_worker(1)
+    assert "PYTHONSAFEPATH" not in os.environ
+
+if __name__ == "__main__":
+    sys.argv[1:] = ["--version"]
+    try:
+        __main__.main()
+    except SystemExit:
+        worker = multiprocessing.get_context("spawn").Process(target=work)
+        worker.start()
+        worker.join()
+        sys.exit(worker.exitcode)
+"""
+    )
+    command = [sys.executable, str(tmp_path / "script.py")]
+    ended = subprocess.run(command, cwd=tmp_path / "run", capture_output=True, text=True)
+    assert (ended.returncode, ended.stderr) == (0, "")
 
 
 def test_names_of_figures_do_not_leave_their_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
