@@ -1,7 +1,8 @@
 """Ranks of completers: who is shown to be better than whom, and who cannot be told apart.
 
 In one table (one task's main metric, of one data set, incompleteness and level) every pair of completers is compared
-by a bootstrap over scenes that is paired: each resample holds the same cases of both. The statistic is the
+by a bootstrap over scenes that is paired: each resample holds the same cases of both, those that both were tried on.
+So who was tried on little takes nothing from what is known of the others. The statistic is the
 metric's own, the median or the mean that the table shows. All pairs are judged at once: the intervals are those of
 the largest studentised difference over all pairs (Romano and Wolf 2005, "Stepwise multiple testing as formalized
 data snooping", its single step), so that in 95 % of the tables not one pair is told apart wrongly. Few scenes widen
@@ -13,8 +14,10 @@ first with it.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import Literal
 
@@ -64,88 +67,145 @@ def ranking(
     direction: Literal["lower", "higher"],
     statistic: Literal["median", "mean"],
 ) -> Ranking:
-    """Rank completers over the cases that all of them were tried on.
+    """Rank completers, each two over the cases that both were tried on.
 
     A case in which a completer has no samples though another one has (it failed, timed out or was skipped) counts
     with the worst sample that anyone, references included, has in this table. So nobody gains by failing where
-    it is hard. Cases in which no completer has samples do not count; a completer without a single sample has no rank.
+    it is hard. Cases in which no completer has samples do not count; a completer without a single sample has no rank,
+    nor has one with fewer than `FEWEST_SCENES` scenes in common with every other, where others have more.
 
     Args:
         tried: by completer, its cases.
         references: likewise; they are not ranked.
     """
     tried = {name: its for name, its in tried.items() if any(len(one.samples) for one in its)}
-    if not tried:
-        return Ranking({}, ())
-    names = list(tried)
-    samples, scenes, cases = _filled(tried, references, direction)
-    if not cases:
-        return Ranking({}, ())
-    values = np.array([_value(samples[name], statistic) for name in names])
-    count = len(np.unique(scenes[names[0]]))
-    pairs = list(combinations(range(len(names)), 2))
-    halves = np.full(len(pairs), np.nan)
-    if count >= FEWEST_SCENES and pairs:
-        drawn = np.array([resampled(samples[name], scenes[name], statistic) for name in names])
-        halves = _simultaneous_half_widths(drawn, values, pairs, count)
-    differences = []
-    better_than: dict[str, set[str]] = {name: set() for name in names}
-    for (first, second), half in zip(pairs, halves, strict=True):
-        value = values[first] - values[second]
+    if len(tried) < 2:
+        return Ranking(dict.fromkeys(tried, 1), ())
+    table = _Table(tried, references, direction)
+    together: dict[tuple[int, ...], list[tuple[str, str]]] = defaultdict(list)
+    for pair in combinations(tried, 2):
+        together[table.common(*pair)].append(pair)
+    compared = [
+        one for cases, pairs in together.items() if cases for one in _compared(table, cases, pairs, statistic)
+    ]
+    critical = _critical(compared)
+    found = {}
+    better_than: dict[str, set[str]] = {name: set() for name in tried}
+    for one in compared:
+        half = one.half_width(critical)
         better = None
-        if abs(value) > half:
-            wins_first = (value < 0) == (direction == "lower")
-            better, worse = (names[first], names[second]) if wins_first else (names[second], names[first])
+        if abs(one.value) > half:
+            wins_first = (one.value < 0) == (direction == "lower")
+            better, worse = (one.first, one.second) if wins_first else (one.second, one.first)
             better_than[worse].add(better)
-        estimate = Estimate(float(value), float(value - half), float(value + half))
-        differences.append(PairedDifference(names[first], names[second], estimate, cases, better))
-    return Ranking({name: 1 + len(better_than[name]) for name in names}, tuple(differences))
+        estimate = Estimate(one.value, one.value - half, one.value + half)
+        found[one.first, one.second] = PairedDifference(one.first, one.second, estimate, one.cases, better)
+    enough = min(FEWEST_SCENES, max((one.scenes for one in compared), default=0))
+    ranked = {name for one in compared if one.scenes >= enough for name in (one.first, one.second)}
+    ranks = {name: 1 + len(better) for name, better in better_than.items() if name in ranked}
+    return Ranking(ranks, tuple(found[pair] for pair in combinations(tried, 2) if pair in found))
 
 
-def _simultaneous_half_widths(
-    drawn: NDArray[np.float64], values: NDArray[np.float64], pairs: Sequence[tuple[int, int]], scenes: int
-) -> NDArray[np.float64]:
-    """(P,) half the width of each pair's interval, such that all P hold at once; drawn (C, R), values (C,)."""
-    first, second = np.array(pairs).T
-    size = np.abs(drawn).max(axis=1)
-    # Differences that are the same in every resample differ by rounding alone, which must not count as a movement.
-    least = np.maximum(_ROUNDING * np.maximum(size[first], size[second]), np.finfo(float).tiny)
-    spread = np.maximum((drawn[first] - drawn[second]).std(axis=1), least)
-    moved = np.abs((drawn[first] - drawn[second]) - (values[first] - values[second])[:, None])
-    critical = np.quantile((moved / spread[:, None]).max(axis=0), CONFIDENCE)
-    # A bootstrap's spread is that of n scenes about their own mean, and its tails are those of many scenes.
-    narrow = np.sqrt(scenes / (scenes - 1))
-    tails = t.ppf((1 + CONFIDENCE) / 2, scenes - 1) / norm.ppf((1 + CONFIDENCE) / 2)
-    return critical * spread * narrow * tails
+@dataclass(frozen=True)
+class _Compared:
+    """Two completers over their common cases.
+
+    Attributes:
+        value: the statistic of the first less that of the second.
+        spread: of that over resamples; NaN with fewer than `FEWEST_SCENES`.
+        moved: (R,) how many spreads it is off in each resample.
+    """
+
+    first: str
+    second: str
+    cases: int
+    scenes: int
+    value: float
+    spread: float
+    moved: NDArray[np.float64] | None
+
+    def half_width(self, critical: float) -> float:
+        """Half the width of the interval that reaches `critical` spreads, a little more for few scenes."""
+        if self.moved is None:
+            return np.nan
+        # A bootstrap's spread is that of n scenes about their own mean, and its tails are those of many scenes.
+        narrow = np.sqrt(self.scenes / (self.scenes - 1))
+        return float(critical * self.spread * narrow * _tails(self.scenes))
 
 
-def _filled(
-    tried: Mapping[str, Sequence[Tried]],
-    references: Mapping[str, Sequence[Tried]],
-    direction: Literal["lower", "higher"],
-) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.int64]], int]:
-    """Samples and scenes of each completer over the common cases, the lost ones filled; how many cases that are."""
-    by_case = {name: {one.case: one for one in its} for name, its in tried.items()}
-    common = sorted(set.intersection(*(set(cases) for cases in by_case.values())))
-    sizes = {case: max(len(cases[case].samples) for cases in by_case.values()) for case in common}
-    counted = [case for case in common if sizes[case]]
-    everything = np.concatenate(
-        [np.asarray(one.samples, float) for its in (*tried.values(), *references.values()) for one in its]
-    )
-    worst = everything.max() if direction == "lower" else everything.min()
-    scene_number = {scene: number for number, scene in enumerate(sorted({_scene(by_case, case) for case in counted}))}
-    samples, scenes = {}, {}
-    for name, cases in by_case.items():
-        parts = [np.asarray(cases[case].samples or [worst] * sizes[case], float) for case in counted]
-        samples[name] = np.concatenate(parts) if parts else np.empty(0)
-        scenes[name] = np.repeat(
-            [scene_number[_scene(by_case, case)] for case in counted], [len(part) for part in parts]
-        ).astype(np.int64)
-    return samples, scenes, len(counted)
+@lru_cache
+def _tails(scenes: int) -> float:
+    """How much farther out Student's tails are than the normal distribution's."""
+    return float(t.ppf((1 + CONFIDENCE) / 2, scenes - 1) / norm.ppf((1 + CONFIDENCE) / 2))
 
 
-def _scene(by_case: Mapping[str, Mapping[int, Tried]], case: int) -> str:
-    return next(iter(by_case.values()))[case].scene
+def _compared(
+    table: _Table, cases: Sequence[int], pairs: Sequence[tuple[str, str]], statistic: Literal["median", "mean"]
+) -> list[_Compared]:
+    """These pairs over the cases that are common to each of them."""
+    names = list(dict.fromkeys(name for pair in pairs for name in pair))
+    filled = {name: table.filled(name, cases) for name in names}
+    value = {name: _value(samples, statistic) for name, (samples, _) in filled.items()}
+    scenes = len(np.unique(filled[names[0]][1]))
+    if scenes < FEWEST_SCENES:
+        return [
+            _Compared(first, second, len(cases), scenes, value[first] - value[second], np.nan, None)
+            for first, second in pairs
+        ]
+    drawn = {name: resampled(*filled[name], statistic) for name in names}
+    size = {name: np.abs(its).max() for name, its in drawn.items()}
+    found = []
+    for first, second in pairs:
+        differences, difference = drawn[first] - drawn[second], value[first] - value[second]
+        # Differences that are the same in every resample differ by rounding alone, which must not count as a movement.
+        least = max(_ROUNDING * max(size[first], size[second]), np.finfo(float).tiny)
+        spread = max(differences.std(), least)
+        moved = np.abs(differences - difference) / spread
+        found.append(_Compared(first, second, len(cases), scenes, difference, float(spread), moved))
+    return found
+
+
+def _critical(compared: Sequence[_Compared]) -> float:
+    """How many spreads the interval of each pair reaches, such that all hold at once; NaN where there is none.
+
+    Pairs with other scenes are drawn apart, as if they had nothing to do with each other: that makes intervals wider,
+    never narrower (Sidak 1967).
+    """
+    moved = [one.moved for one in compared if one.moved is not None]
+    return float(np.quantile(np.max(moved, axis=0), CONFIDENCE)) if moved else np.nan
+
+
+class _Table:
+    """Who was tried on what, and what counts where samples were lost."""
+
+    def __init__(
+        self,
+        tried: Mapping[str, Sequence[Tried]],
+        references: Mapping[str, Sequence[Tried]],
+        direction: Literal["lower", "higher"],
+    ) -> None:
+        self._by_case = {name: {one.case: one for one in its} for name, its in tried.items()}
+        self._size: dict[int, int] = defaultdict(int)
+        for its in tried.values():
+            for one in its:
+                self._size[one.case] = max(self._size[one.case], len(one.samples))
+        everything = np.concatenate(
+            [np.asarray(one.samples, float) for its in (*tried.values(), *references.values()) for one in its]
+        )
+        self._worst = everything.max() if direction == "lower" else everything.min()
+
+    def common(self, first: str, second: str) -> tuple[int, ...]:
+        """The cases that both were tried on and that anyone has samples of."""
+        both = self._by_case[first].keys() & self._by_case[second].keys()
+        return tuple(sorted(case for case in both if self._size[case]))
+
+    def filled(self, name: str, cases: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Samples of a completer in these cases, the lost ones filled, and which scene each belongs to."""
+        its = [self._by_case[name][case] for case in cases]
+        number = {scene: number for number, scene in enumerate(sorted({one.scene for one in its}))}
+        parts = [np.asarray(one.samples or [self._worst] * self._size[one.case], float) for one in its]
+        scenes = np.repeat([number[one.scene] for one in its], [len(part) for part in parts]).astype(np.int64)
+        return np.concatenate(parts), scenes
 
 
 def _value(samples: NDArray[np.float64], statistic: Literal["median", "mean"]) -> float:

@@ -105,6 +105,31 @@ def test_only_cases_that_all_were_tried_on_count(scenes):
     assert ranking({"a": tried([1.0], start=0), "b": tried([1.0], start=1)}, {}, "lower", "mean").ranks == {}
 
 
+def test_who_was_tried_on_little_takes_nothing_from_the_others_and_has_no_rank(scenes):
+    whole = {"best": tried(scenes), "worse": tried(scenes * 1.05 + 0.2)}
+    found = ranking(whole | {"few": tried(scenes[:5] / 9)}, {}, "lower", "mean")
+    assert found.ranks == {"best": 1, "worse": 2} == ranking(whole, {}, "lower", "mean").ranks
+    assert [its.cases for its in found.differences] == [30, 5, 5]
+    half = ranking(whole | {"half": tried(scenes[:15] * 1.2 + 1)}, {}, "lower", "mean")
+    assert half.ranks == {"best": 1, "worse": 2, "half": 3}
+    by_pair = {(its.first, its.second): its for its in half.differences}
+    assert by_pair["best", "half"].difference.value == pytest.approx(-scenes[:15].mean() * 0.2 - 1)
+    few = ranking({name: its[:5] for name, its in whole.items()} | {"two": tried(scenes[:2])}, {}, "lower", "mean")
+    assert few.ranks == {"best": 1, "worse": 1}
+
+
+def test_alike_completers_of_other_scenes_are_seldom_told_apart():
+    rng = np.random.default_rng(4)
+    ends = (30, 30, 20, 20, 10, 7)
+    wrong = 0
+    for _ in range(60):
+        scenes = rng.gamma(1.0, size=30)
+        values = [scenes * np.exp(rng.normal(scale=0.3, size=30)) for _ in range(6)]
+        tables = {name: tried(its)[:end] for name, its, end in zip("abcdef", values, ends, strict=True)}
+        wrong += any(its.better for its in ranking(tables, {}, "lower", "mean").differences)
+    assert wrong <= 8, "of 60 tables; 3 are meant"
+
+
 def test_who_measured_nothing_has_no_rank(scenes):
     found = ranking({"a": tried(scenes), "b": tried([None] * 30)}, {}, "lower", "mean")
     assert found.ranks == {"a": 1} and found.differences == ()
