@@ -54,6 +54,16 @@ class BoardMetric:
     summary: Literal["median", "mean"]
     main: bool
 
+    @property
+    def meaning(self) -> str:
+        """What must be the same for values of two runs to stand beside one another, for messages."""
+        return metric_meaning(self.direction, self.summary, self.main)
+
+
+def metric_meaning(direction: str, summary: str, main: bool) -> str:
+    """See `BoardMetric.meaning`."""
+    return f"{'the main' if main else 'a'} metric, {direction} is better, by its {summary}"
+
 
 @dataclass(frozen=True)
 class BoardTask:

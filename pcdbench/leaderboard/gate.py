@@ -91,7 +91,7 @@ def check(committed: Board, fresh: Board) -> Verdict:
     - A completer's metric is `worse` (or `better`) where the mean of its relative differences on a data set, paired by
       case, is beyond `LEAST_CHANGE` and one-sided t-tests, by Holm's method over everything that changed, are at half
       of `SIGNIFICANCE` each.
-    - A case that was measured and is not any more is `failed`.
+    - A case that was measured and is not any more is `failed`, and so is a metric that has no value of it any more.
     - A completer is `slower` where the median of its cases' times, as ratios to the calibration job of the same run,
       is `SLOWER` times what it was; `SLOWER_ELSEWHERE` times where another processor measured the board.
 
@@ -118,6 +118,7 @@ def check(committed: Board, fresh: Board) -> Verdict:
         findings += _lost(pairs, altered)
         findings += reference_changes(committed, pairs, altered)
         altered |= {finding.task for finding in findings if finding.kind == "changed"}
+        findings += _lost_values(committed, pairs, altered)
         findings += _value_changes(committed, pairs, altered)
         findings += _time_changes(committed, fresh, pairs)
     compared = [
@@ -146,6 +147,16 @@ def changed_protocols(committed: Board, fresh: Board) -> Iterator[Finding]:
             if is_now != was:
                 told = f"{kind} {name} is {is_now}, the board's is {was}; build the board again"
                 yield Finding("changed", "", name if kind == "task" else "", told)
+    for task in committed.tasks:
+        fresh_task = fresh.task_of.get(task.name)
+        means_now = {} if fresh_task is None else {its.name: its for its in fresh_task.metrics}
+        moved = next((its for its in task.metrics if means_now.get(its.name, its).meaning != its.meaning), None)
+        if moved is not None:
+            told = (
+                f"{moved.name} of task {task.name} is {means_now[moved.name].meaning}, the board's is "
+                f"{moved.meaning}; raise the task's version, and build the board again"
+            )
+            yield Finding("changed", "", task.name, told)
     digests = {(its.dataset, scene): digest for its in committed.data for scene, digest in its.scenes.items()}
     for data in fresh.data:
         other = [name for name, digest in data.scenes.items() if digests.get((data.dataset, name), digest) != digest]
@@ -212,6 +223,23 @@ def _lost(pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[F
                 yield Finding("repaired", label, task, f"{task} of {label}: {found} cases are measured that were not")
 
 
+def _lost_values(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
+    """Metrics of completers that have no value any more in cases that their task still measures."""
+    for label, its in pairs.items():
+        if committed.completer_of[label].reference:
+            continue
+        for task in committed.tasks:
+            for metric in task.metrics if task.name not in altered else ():
+                lost = _without_value(its, task.name, metric.name)
+                if lost:
+                    count = len(lost) + len(_both_values(its, task.name, metric.name))
+                    told = (
+                        f"{metric.name} ({task.name}) of {label}: {len(lost)} of {count} cases have no value any more: "
+                        f"{lost[0].scene} is the first"
+                    )
+                    yield Finding("failed", label, task.name, told)
+
+
 def reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
     """References do nothing that could get better or worse: where their values differ, what measures them does.
 
@@ -225,9 +253,12 @@ def reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], al
                 continue
             for metric in task.metrics:
                 both = _both_values(its, task.name, metric.name)
+                lost = _without_value(its, task.name, metric.name)
                 other = [not np.isclose(old, new, rtol=AGREEMENT, atol=_SAME) for _, old, new in both]
+                other += [True] * len(lost)
                 if any(other):
                     where = f"differs in {sum(other)} of {len(other)} cases"
+                    where += f" ({len(lost)} have no value any more)" if lost else ""
                     told = f"{metric.name} ({task.name}) of the reference {label} {where}"
                     if sum(other) * 2 < len(other):
                         yield Finding(
@@ -304,6 +335,18 @@ def _both_values(pairs: Sequence[_Pair], task: str, metric: str) -> list[tuple[B
             if old is not None and new is not None:
                 found.append((pair.case, old, new))
     return found
+
+
+def _without_value(pairs: Sequence[_Pair], task: str, metric: str) -> list[BoardCase]:
+    """Each case that the task measured both times, and of which only the old board has a value of the metric."""
+    return [
+        pair.case
+        for pair in pairs
+        if _both(pair, task)
+        and pair.new.results[task].status == "ok"
+        and metric in pair.old.results[task].values
+        and metric not in pair.new.results[task].values
+    ]
 
 
 def _p_value(worse: NDArray[np.float64]) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 from pcdbench.downloads import is_address, kept_download
 from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json
+from pcdbench.leaderboard.board import metric_meaning
 from pcdbench.leaderboard.run_shape import require_sound_facts, require_sound_keys, require_sound_plugin
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.runner.row_shape import require_sound_rows
@@ -175,8 +176,14 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
         for its in run.configuration.get("completers", ()):
             if its.get("code") and not its.get("reference"):
                 check(run, "completer", f"{its['name']} {_version_of(its)}", f"code {its['code'][:16]}")
+        told_of = set[tuple[str, ...]]()
         for row in run.rows:
             dataset = row["dataset"]
+            if (metrics := (row["task"]["name"], *row["metrics"])) not in told_of:
+                told_of.add(metrics)
+                for name, its in row["metrics"].items():
+                    meaning = metric_meaning(its["direction"], its["summary"], its["main"])
+                    check(run, f"metric {name} of task", row["task"]["name"], meaning)
             check(run, "data set", dataset["name"], _version_of(dataset))
             check(run, f"scene {row['scene']} of data set", dataset["name"], f"digest {dataset['digest'][:16]}")
             check(run, "incompleteness", row["incompleteness"]["name"], _version_of(row["incompleteness"]))

@@ -102,6 +102,7 @@ def test_what_is_there_twice_must_agree(tmp_path):
         ({"dataset_version": "2"}, "one has data set rooms at version 1, .*two at version 2"),
         ({"scene_digest": "d" * 20}, "scene room0 of data set rooms at digest room0, .* at digest dddd"),
         ({"task_version": "2"}, "task task at version 1, .*two at version 2"),
+        ({"direction": "higher"}, "metric error_m of task task at the main metric, lower is better, .*two"),
     ],
 )
 def test_versions_do_not_mix(tmp_path, more, message):

@@ -201,6 +201,28 @@ def test_a_reference_that_differs_in_a_few_cases_is_told_and_no_regression(tmp_p
     assert kinds(check(committed, board(tmp_path / "three", many))) == {("changed", "incomplete", "task")}
 
 
+def test_a_metric_without_values_is_no_metric_that_holds(tmp_path):
+    floor = rows("incomplete", 5.0)
+    committed = board(tmp_path / "one", floor + rows())
+    emptied = [full_row("a", scene=f"room{number}") for number in range(6)]
+    verdict = check(committed, board(tmp_path / "two", floor + emptied))
+    assert kinds(verdict) == {("failed", "a", "task")}
+    assert "error_m (task) of a: 6 of 6 cases have no value any more: room0 is the first" in verdict_text(verdict)
+    renamed = rows("incomplete", 5.0, metric="other_m") + rows(value=9.0, metric="other_m")
+    verdict = check(committed, board(tmp_path / "three", renamed))
+    assert kinds(verdict) == {("changed", "incomplete", "task")}
+    assert "differs in 6 of 6 cases (6 have no value any more): what is measured" in verdict_text(verdict)
+
+
+def test_a_metric_that_means_something_else_asks_for_a_new_board(tmp_path):
+    verdict = check(board(tmp_path / "one", rows()), board(tmp_path / "two", rows(direction="higher")))
+    assert kinds(verdict) == {("changed", "", "task")}
+    assert (
+        "error_m of task task is the main metric, higher is better, by its mean, the board's is the main metric, "
+        "lower is better, by its mean; raise the task's version"
+    ) in verdict_text(verdict)
+
+
 def test_what_is_on_one_board_alone_is_told(tmp_path):
     verdict = check(board(tmp_path / "one", rows() + rows("b")), board(tmp_path / "two", rows() + rows("c")))
     assert verdict.holds
