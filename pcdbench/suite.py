@@ -154,7 +154,7 @@ def requests(suite: Suite, folder: Path, *, dataset: str | None = None) -> list[
         )
     common = [suite.dataset, *suite.incompletenesses, *suite.tasks]
     found = []
-    for seed in suite.seeds:
+    for seed in dict.fromkeys(suite.seeds):
         for completers in _rounds(suite.completers):
             found.append(
                 Request(
@@ -173,10 +173,12 @@ def requests(suite: Suite, folder: Path, *, dataset: str | None = None) -> list[
 
 
 def _rounds(entries: Sequence[Entry]) -> list[list[Entry]]:
-    """The entries such that no round names a completer twice; `all` is in the first alone."""
+    """The entries, each once, such that no round names a completer twice; `all` is in the first alone."""
     rounds: list[list[Entry]] = []
     seen: Counter[str] = Counter()
-    for entry in entries:
+    for number, entry in enumerate(entries):
+        if entry in entries[:number]:
+            continue
         if seen[entry.name] == len(rounds):
             rounds.append([])
         rounds[seen[entry.name]].append(entry)

@@ -58,6 +58,19 @@ def test_everything_that_can_be_said(suite, tmp_path):
     }
 
 
+def test_what_is_there_twice_alike_is_run_once(suite, tmp_path):
+    text = """
+    seeds = [7, 7]
+    completers = ["tiny_fill", { name = "tiny_fill", options = { points = 9 } }, "tiny_fill"]
+    tasks = ["tiny_gap"]
+    """
+    found = requests(suite(text), tmp_path)
+    assert [(its.completers, its.seed, its.options) for its in found] == [
+        (["tiny_fill"], 7, []),
+        (["tiny_fill"], 7, ["tiny_fill.points=9"]),
+    ]
+
+
 def test_a_suite_becomes_plans(suite, tmp_path, tiny_plugins):
     text = LEAST + 'dataset = {name = "tiny", options = {scenes = 2}}\nincompletenesses = ["slab"]\nlevels = [0.3]'
     (request,) = requests(suite(text), tmp_path)
@@ -182,7 +195,17 @@ def test_a_check_runs_what_the_suite_says_is_enough_of_what_is_on_the_board(tmp_
     )
     with pytest.raises(PcdbenchError, match="which says what to run; give a run of its cases by --run"):
         check_plans(board, tmp_path / "nowhere")
-    text = (tmp_path / "suite.toml").read_text().replace("box1", "box11")
+    text = (tmp_path / "suite.toml").read_text()
+    for has, asks, message in (
+        ('["tiny_gap"]', '["tiny_gap", "tiny_gab"]', "check.tasks has 'tiny_gab', which is not in the suite; did you "),
+        ("[0.3]", "[0.3, 0.4]", r"check.levels has '0.4', which is not in the suite; did you mean 0"),
+        ('tasks = ["tiny_gap', "completers = ['tiny_fil']\ntasks = [\"tiny_gap", "has 'tiny_fil', .* mean tiny_fill"),
+        ("[check]", "[check]\nincompletenesses = ['holes']", "check.incompletenesses has 'holes', .*; there is slab"),
+    ):
+        (tmp_path / "suite.toml").write_text(text.replace(has, asks))
+        with pytest.raises(PcdbenchError, match=message):
+            check_plans(board, tmp_path)
+    text = text.replace("box1", "box11")
     (tmp_path / "suite.toml").write_text(text)
     with pytest.raises(PcdbenchError, match="scene 'box11', which split few of tiny has not; did you mean box1"):
         check_plans(board, tmp_path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -85,6 +86,7 @@ def check(
 
     committed = read_board(board)
     if run:
+        _refuse_beside_run({"--dataset": dataset, "--jobs": jobs, "--out": out})
         fresh = board_of_runs(committed.name, run)
     else:
         with tempfile.TemporaryDirectory(prefix="pcdbench-check-") as scratch:
@@ -98,6 +100,14 @@ def check(
     typer.echo(verdict_text(verdict), nl=False)
     if not verdict.holds:
         raise typer.Exit(1)
+
+
+def _refuse_beside_run(given: Mapping[str, object]) -> None:
+    from pcdbench.errors import PcdbenchError
+
+    for name, value in given.items():
+        if value is not None:
+            raise PcdbenchError(f"{name} is for the run that a check makes, and --run gives one; leave one of them out")
 
 
 def _run_again(committed: Board, board: Path, dataset: str | None, jobs: int | None, folder: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,20 +28,49 @@ def check_plans(board: Board, folder: Path, dataset: str | None = None) -> list[
     if not path.is_file():
         raise PcdbenchError(f"{folder} has no {SUITE}, which says what to run; give a run of its cases by --run")
     suite = read_suite(path)
+    asked = requests(suite, folder, dataset=dataset)
+    _require_known(asked, board, suite.check, path)
     plans = []
-    for request in requests(suite, folder, dataset=dataset):
+    for request in asked:
         narrowed = _narrowed(request, board, suite.check)
         if narrowed.completers:
             plans.append(_of_scenes(plan(narrowed), suite.check.scenes))
     return plans
 
 
+def _require_known(asked: Sequence[Request], board: Board, check: Check, path: Path) -> None:
+    """Raise where the check names what the suite has not: it would check less than it seems to."""
+    for what, names in (
+        ("completers", check.completers),
+        ("tasks", check.tasks),
+        ("incompletenesses", check.incompletenesses),
+        ("levels", [f"{level:g}" for level in check.levels]),
+    ):
+        known = [name for request in asked for name in _names(request, board)[what]]
+        strange = next((name for name in names if name not in known), None)
+        if strange is not None:
+            raise PcdbenchError(
+                f"{path}: check.{what} has {strange!r}, which is not in the suite; "
+                f"{did_you_mean(strange, dict.fromkeys(known))}"
+            )
+
+
+def _names(request: Request, board: Board) -> Mapping[str, Sequence[str]]:
+    """What a request names; `all` is what is on the board."""
+    return {
+        "completers": _spelt_out(request.completers, [its.name for its in board.completers if not its.reference]),
+        "tasks": _spelt_out(request.tasks, [its.name for its in board.tasks]),
+        "incompletenesses": _spelt_out(request.incompletenesses, [its.name for its in board.incompletenesses]),
+        "levels": [f"{level:g}" for level in request.levels],
+    }
+
+
 def _narrowed(request: Request, board: Board, check: Check) -> Request:
-    """The request without what the check leaves out; `all` is what is on the board."""
-    on_board = [its.name for its in board.completers if not its.reference]
-    completers = _chosen(request.completers, on_board, check.completers)
-    tasks = _chosen(request.tasks, [its.name for its in board.tasks], check.tasks)
-    ways = _chosen(request.incompletenesses, [its.name for its in board.incompletenesses], check.incompletenesses)
+    """The request without what the check leaves out."""
+    names = _names(request, board)
+    completers = _chosen(names["completers"], check.completers)
+    tasks = _chosen(names["tasks"], check.tasks)
+    ways = _chosen(names["incompletenesses"], check.incompletenesses)
     kept = {*completers, *tasks, *ways, request.dataset.partition(":")[0]}
     return replace(
         request,
@@ -53,9 +82,12 @@ def _narrowed(request: Request, board: Board, check: Check) -> Request:
     )
 
 
-def _chosen(names: Sequence[str], everything: Sequence[str], wanted: Sequence[str]) -> list[str]:
-    spelt_out = [one for name in names for one in (everything if name == ALL else [name])]
-    return [name for name in dict.fromkeys(spelt_out) if not wanted or name in wanted]
+def _spelt_out(names: Sequence[str], everything: Sequence[str]) -> list[str]:
+    return list(dict.fromkeys(one for name in names for one in (everything if name == ALL else [name])))
+
+
+def _chosen(names: Sequence[str], wanted: Sequence[str]) -> list[str]:
+    return [name for name in names if not wanted or name in wanted]
 
 
 def _of_scenes(planned: Plan, scenes: Sequence[str]) -> Plan:

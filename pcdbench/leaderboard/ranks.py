@@ -85,9 +85,7 @@ def ranking(
     together: dict[tuple[int, ...], list[tuple[str, str]]] = defaultdict(list)
     for pair in combinations(tried, 2):
         together[table.common(*pair)].append(pair)
-    compared = [
-        one for cases, pairs in together.items() if cases for one in _compared(table, cases, pairs, statistic)
-    ]
+    compared = [one for cases, pairs in together.items() if cases for one in _compared(table, cases, pairs, statistic)]
     critical = _critical(compared)
     found = {}
     better_than: dict[str, set[str]] = {name: set() for name in tried}

@@ -67,6 +67,8 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path):
     assert fell.stdout.startswith("worse: gap_m (tiny_gap) of tiny_fill: worse by 11.")
     assert "❌" in (tmp_path / "out" / "summary.md").read_text()
     assert ElementTree.parse(tmp_path / "out" / "junit.xml").getroot().get("failures") == "1"
+    both = run("leaderboard", "check", "boards/tiny", "--run", "runs/tiny", "--out", "kept", code=2)
+    assert "--out is for the run that a check makes, and --run gives one; leave one of them out" in both.stderr
 
 
 @pytest.mark.parametrize(
