@@ -1,6 +1,7 @@
 """The board's page in a headless Chromium: sort, filter, hover, rows, clouds, links, a phone, hostile names."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -295,6 +296,25 @@ def test_who_shares_a_rank_is_ordered_by_value_and_names_break_after_underscores
     assert found["names"] == [name for _, _, name in sorted(ranked)] != ["planes", "holes", "network"]
     assert found["down"] == found["names"][::-1]
     assert "tracking_<wbr>error_<wbr>m" in found["metric"]
+
+
+def test_who_was_measured_on_fewer_cases_is_told_and_stands_before_who_was_on_none(tmp_path: Path) -> None:
+    whole = made_board()
+    fewer = {"holes": {"rank": None, "cases": 3}, "planes": {"rank": None, "cases": 0, "median": None, "failed": 4}}
+    standings = [replace(its, **fewer.get(its.completer, {})) for its in whole.standings]
+    found = seen(
+        replace(whole, standings=tuple(standings)),
+        """
+        const row = (name) => all("tbody.methods tr").find((its) => its.textContent.includes(name));
+        const told = (name) => row(name).querySelector(".value .place, .value .lost").textContent;
+        const out = { told: ["network", "holes", "planes"].map(told) };
+        pick("task", "chamfer"); out.names = names();
+        return out;
+        """,
+        tmp_path,
+    )
+    assert found["told"] == ["#2", "3 of 4 cases", "4 failed"]
+    assert found["names"] == ["network", "holes", "planes"]
 
 
 EVIL = [

@@ -19,8 +19,8 @@ class Tables {
     const order = (a, b) => {
       const [x, y] = [column.sort(a), column.sort(b)];
       const none = (value) => value === null || Number.isNaN(value);
-      if (none(x) || none(y)) return none(x) - none(y) || a - b;
-      const before = typeof x === "string" ? x.localeCompare(y) : x - y;
+      if (none(x) !== none(y)) return none(x) - none(y);
+      const before = none(x) ? 0 : typeof x === "string" ? x.localeCompare(y) : x - y;
       const further = (column.then ?? []).map((of) => of(a) - of(b)).find((its) => its);
       return (before || further || 0) * (descending ? -1 : 1) || a - b;
     };
@@ -191,6 +191,7 @@ class Tables {
       { setting } = choice;
     const metrics = board.tasks.map((_, task) => board.mainMetric(task));
     const of = (completer, metric) => board.result(setting, metric, completer, choice.statisticOf(metric));
+    const most = metrics.map((metric) => Math.max(...board.completers.map((_, i) => of(i, metric).cases)));
     const meanRank = (i) => {
       const ranks = metrics.map((metric) => of(i, metric).rank).filter((rank) => rank !== null);
       return ranks.length === metrics.filter((metric) => board.colored.some((j) => of(j, metric).rank)).length
@@ -230,7 +231,11 @@ class Tables {
             },
             number(its.value, board.metrics[metric].unit),
             its.rank && el("span", { class: "place" }, `#${its.rank}`),
-            its.failed > 0 && el("span", { class: "lost" }, `${its.failed} failed`),
+            its.failed > 0
+              ? el("span", { class: "lost" }, `${its.failed} failed`)
+              : its.cases > 0 &&
+                  its.cases < most[task] &&
+                  el("span", { class: "place" }, `${its.cases} of ${most[task]} cases`),
           );
         },
       })),
