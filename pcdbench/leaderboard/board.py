@@ -153,6 +153,7 @@ class BoardCell:
         run: index into `Board.runs`: where its cost was measured.
         seconds, memory_mb: what completing cost; None where it never came to that, or is not known.
         results: by task.
+        cached: whether the completion was taken from the cache: its cost was measured some time before its run.
     """
 
     case: int
@@ -162,6 +163,7 @@ class BoardCell:
     seconds: float | None
     memory_mb: float | None
     results: Mapping[str, BoardResult]
+    cached: bool = False
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import orjson
 from pydantic import TypeAdapter, ValidationError
 
 from pcdbench.errors import PcdbenchError, first_problem
-from pcdbench.leaderboard.board import Board, BoardResult, Comparison, Standing
+from pcdbench.leaderboard.board import Board, BoardCell, BoardResult, Comparison, Standing
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.runner.store import write_text
 
@@ -143,12 +143,15 @@ def _require_whole(board: Board) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A dataclass of the board as JSON values; a result leaves out what it has not."""
+    """A dataclass of the board as JSON values; a result leaves out what it has not, a cell whether it is cached if not."""
     if isinstance(value, Estimate):
         return [_rounded(number) for number in (value.value, value.low, value.high)]
     if isinstance(value, BoardResult):
         told = {field.name: getattr(value, field.name) for field in fields(value)}
         return {name: its for name, its in told.items() if its or name in ("key", "status")}
+    if isinstance(value, BoardCell):
+        told = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        return told if value.cached else {name: its for name, its in told.items() if name != "cached"}
     if hasattr(value, "__dataclass_fields__"):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, float):

@@ -225,6 +225,7 @@ def _cell(case: int, label: str, merged: Sequence[MergedRow]) -> BoardCell:
             one.row["task"]["name"]: _result(one.row)
             for one in sorted(merged, key=lambda one: str(one.row["task"]["name"]))
         },
+        cached=bool(costs.get("cached")),
     )
 
 

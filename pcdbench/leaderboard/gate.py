@@ -398,7 +398,8 @@ def _time_changes(committed: Board, fresh: Board, pairs: Mapping[str, Sequence[_
 
 
 def _calibrated(board: Board, cell: BoardCell) -> float | None:
-    calibration = board.runs[cell.run].calibration_seconds
+    """Seconds as a multiple of the calibration job of the run that measured them; None where that is not known."""
+    calibration = None if cell.cached else board.runs[cell.run].calibration_seconds
     return cell.seconds / calibration if cell.seconds and calibration else None
 
 

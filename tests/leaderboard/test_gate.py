@@ -13,6 +13,7 @@ from executor_for_tests import InThisProcess
 from runs_for_tests import full_row, store_run
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.leaderboard.board_file import read_board, write_board
 from pcdbench.leaderboard.building import board_of_runs
 from pcdbench.leaderboard.gate import Finding, Verdict, _rejected_by_holm, check
 from pcdbench.leaderboard.gate_report import verdict_junit, verdict_markdown, verdict_text
@@ -142,6 +143,18 @@ def test_time_is_a_ratio_to_the_calibration_job(tmp_path):
     }
     unknown = check(committed, board(tmp_path / "four", rows(seconds=4.0), calibration=None))
     assert unknown.holds and "a has no times to compare" in verdict_text(unknown)
+
+
+def test_times_from_the_cache_are_no_times_of_the_run(tmp_path):
+    committed = board(tmp_path / "one", rows(seconds=1.0), calibration=1.0)
+    kept = rows(seconds=1.0)
+    for row in kept:
+        row["completing"]["cached"] = True
+    fresh = board(tmp_path / "two", kept, calibration=0.3)
+    verdict = check(committed, fresh)
+    assert verdict.holds and "a has no times to compare" in verdict_text(verdict)
+    write_board(fresh, tmp_path / "leaderboard.json")
+    assert check(committed, read_board(tmp_path)) == verdict
 
 
 def test_another_processor_makes_slower_only_what_it_cannot_explain(tmp_path):
