@@ -143,7 +143,7 @@ def _require_whole(board: Board) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A dataclass of the board as JSON values; a result leaves out what it has not, a cell whether it is cached if not."""
+    """A dataclass of the board as JSON values; a result leaves out what it has not, a cell that it is not cached."""
     if isinstance(value, Estimate):
         return [_rounded(number) for number in (value.value, value.low, value.high)]
     if isinstance(value, BoardResult):

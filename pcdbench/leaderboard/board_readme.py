@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
@@ -84,8 +85,10 @@ def _overview_table(board: Board, standings: Sequence[Standing]) -> str:
     of = {(its.completer, its.task): its for its in standings if its.metric in ("", main[its.task])}
     best = _best(board, standings)
     most = {name: max((its.cases for its in standings if its.task == name), default=0) for name, _ in columns}
-    header = ["", *(f"{name}: {metric.summary} {metric.name} ({metric.unit.split(',')[0]}) "
-                    f"{'↓' if metric.direction == 'lower' else '↑'}" for name, metric in columns)]  # fmt: skip
+    header = [""]
+    for name, metric in columns:
+        shown, unit = escaped_markdown(metric.name), escaped_markdown(metric.unit.split(",")[0])
+        header.append(f"{name}: {metric.summary} {shown} ({unit}) {'↓' if metric.direction == 'lower' else '↑'}")
     lines = [[*header, "failed", "seconds", "MB"], [":--", *["--:"] * (len(columns) + 3)]]
     for completer in _in_order(board, standings):
         its = [of[completer.label, name] for name, _ in columns if (completer.label, name) in of]
@@ -129,17 +132,20 @@ def _details(board: Board) -> list[str]:
                 data = board.data[its.data]
                 lines.append(
                     [
-                        f"{data.dataset} {data.split}, {its.incompleteness}",
+                        escaped_markdown(f"{data.dataset} {data.split}, {its.incompleteness}"),
                         level_text(its.level, its.missing),
                         _name(board.completer_of[its.completer]),
-                        its.metric,
+                        escaped_markdown(its.metric),
                         *estimates,
                         f"{its.cases}" + (f" ({', '.join(lost)})" if lost else ""),
                     ]
                 )
         table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
         options = ", ".join(f"{name}={value}" for name, value in task.options.items())
-        summary = f"{task.name}, version {task.version}" + (f" ({escaped_markdown(options)})" if options else "")
+        # Within a line of HTML a code host reads no Markdown, and would show its backslashes.
+        summary = html.escape(
+            f"{task.name}, version {task.version}" + (f" ({options})" if options else ""), quote=False
+        )
         parts.append(f"<details><summary>{summary}</summary>\n\n{table}\n\n</details>\n")
     return parts
 

@@ -16,6 +16,7 @@ from runs_for_tests import full_row, store_run
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board_figures import _figures
 from pcdbench.leaderboard.board_file import SCHEMA_VERSION, board_json, read_board, write_board
+from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.building import board_of_runs
 from pcdbench.leaderboard.publishing import publish
 from pcdbench.leaderboard.statistics import Estimate
@@ -170,6 +171,19 @@ def test_the_page_shows_best_references_ranks_costs_flags_and_failures(published
     assert "<script>" not in page
     for link in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page):
         assert (published / link).is_file()
+
+
+def test_metrics_and_splits_cannot_break_the_tables(tmp_path):
+    rows = [full_row("a", [1.0], scene=f"room{number}", metric="|x| <b>") for number in range(2)]
+    for row in rows:
+        row["metrics"]["|x| <b>"]["unit"] = "a|b"
+        row["task"]["options"] = {"scales_m": [2, 1], "how": "<b>"}
+    board = board_of_runs("b", [store_run(tmp_path / "run", rows, split="one|two")])
+    text = board_readme(board, {}, [], tmp_path)
+    assert r"task: mean \|x\| &lt;b&gt; (a\|b) ↓" in text and r"rooms one\|two, holes" in text and "<b>" not in text
+    assert "<summary>task, version 1 (scales_m=[2, 1], how=&lt;b&gt;)</summary>" in text
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    assert [line.replace("\\|", "").count("|") for line in lines] == [6] * 3 + [9] * 3
 
 
 def test_figures_are_svg_with_every_completer(published):
