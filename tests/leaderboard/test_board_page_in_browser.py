@@ -361,21 +361,27 @@ def test_a_phone_shows_everything_without_scrolling_sideways(board: Board, tmp_p
         const frame = document.createElement("iframe");
         frame.style.width = "390px"; frame.style.height = "844px";
         document.body.append(frame);
-        location.hash = {json.dumps(view)};
-        const inner = frame.contentDocument;
+        const inner = frame.contentDocument, there = frame.contentWindow;
         inner.open(); inner.write({embedded_json(page)}); inner.close();
+        // Opening a document takes its address without what is after the #.
+        there.location.hash = {json.dumps(view)};
+        there.dispatchEvent(new there.HashChangeEvent("hashchange"));
         const may = ".scrolls, .command, svg, .radios label, .pcdbench-viewer input";
         const wide = [...inner.querySelectorAll("body *")]
           .filter((its) => its.getBoundingClientRect().right > 391 && !its.closest(may));
         const text = inner.querySelector("tbody.methods .main, tbody.methods .number");
-        return {{ wide: wide.map((its) => its.outerHTML.slice(0, 80)), width: inner.documentElement.scrollWidth,
+        const caption = inner.querySelector("[data-place='table'] caption").lastElementChild;
+        return {{ caption: caption.getBoundingClientRect().right,
+          table: inner.querySelector("[data-place='table'] table").className,
+          wide: wide.map((its) => its.outerHTML.slice(0, 80)), width: inner.documentElement.scrollWidth,
           inner: frame.contentWindow.innerWidth, shown: text.getBoundingClientRect().width,
           size: getComputedStyle(text).fontSize }};
         """,
         tmp_path,
     )
     assert found["inner"] == 390
-    assert found["width"] <= 390 and found["wide"] == []
+    assert found["table"] == ("ranking" if view else "overview")
+    assert found["width"] <= 390 and found["wide"] == [] and found["caption"] <= 391
     assert found["shown"] > 10 and float(found["size"][:-2]) >= 13
 
 

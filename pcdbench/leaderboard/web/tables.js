@@ -251,7 +251,7 @@ class Tables {
       "div",
       { class: "scrolls", tabindex: 0, role: "region", "aria-label": "All tasks" },
       this.table(
-        "All tasks, each by its main metric; ↓ lower is better, ↑ higher is better",
+        el("span", {}, "All tasks, each by its main metric; ↓ lower is better, ↑ higher is better"),
         columns,
         "mean rank",
         "overview",
