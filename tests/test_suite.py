@@ -6,6 +6,7 @@ import pytest
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board import Board, BoardCompleter, BoardIncompleteness, BoardTask
+from pcdbench.leaderboard.board_file import read_board
 from pcdbench.leaderboard.gate_run import check_plans
 from pcdbench.plugins import registry
 from pcdbench.runner.plan import Request, plan
@@ -159,6 +160,16 @@ def test_the_boards_suites_ask_for_what_there_is(path):
     if asked[0].dataset == "indoor":
         planned = plan(asked[0])
         assert set(read.check.scenes) <= set(planned.scenes) and len(planned.scenes) == 30
+
+
+def test_the_board_indoor_is_what_its_suite_measures_today():
+    folder = ROOT / "leaderboards" / "indoor"
+    planned = [plan(asked) for asked in requests(read_suite(folder / "suite.toml"), folder)]
+    keys = {cell.row_key(task)[:16] for its in planned for cell in its.cells for task in its.tasks}
+    board = read_board(folder)
+    measured = [(cell.completer, task, its.key) for cell in board.cells for task, its in cell.results.items()]
+    assert {(completer, task) for completer, task, key in measured if key not in keys} == set()
+    assert len(measured) == len(keys)
 
 
 def board_of(completers, tasks):
