@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, distribution, requires
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,7 @@ def installation() -> dict[str, Any]:
     return {
         "pcdbench": {"version": __version__, "folder": str(Path(__file__).parents[1]), "git": found["git"]},
         "machine": found["machine"] | {"threads": thread_count()},
-        "packages": dict(sorted({**found["packages"], **_versions(dependencies())}.items())),
+        "packages": found["packages"],
         "settings": {name: its for name, its in sorted(os.environ.items()) if name.startswith("PCDBENCH_")}
         | {name: os.environ[name] for name in ("OMP_NUM_THREADS", "CUDA_VISIBLE_DEVICES") if name in os.environ},
         "cache": {"folder": str(cache_dir()), "mb": folder_sizes_mb(cache_dir())},
@@ -111,14 +111,3 @@ def _required(name: str) -> list[str]:
         return [text for text in requires(name) or () if "extra ==" not in text]
     except PackageNotFoundError:
         return []
-
-
-def _versions(names: Sequence[str]) -> dict[str, str]:
-    """The versions of those that are installed, by the names that they gave themselves."""
-    found = {}
-    for name in names:
-        try:
-            found[distribution(name).name] = distribution(name).version
-        except PackageNotFoundError:
-            continue
-    return found

@@ -85,6 +85,7 @@ def test_the_command_with_a_broken_dependency(broken, session_cache: Path) -> No
     assert said["pcdbench"]["version"] == __version__
     assert said["machine"]["threads"] >= 1 and said["machine"]["python"] == sys.version.split()[0]
     assert said["packages"]["numpy"] and said["cache"]["folder"] == str(session_cache)
+    assert len({name.lower() for name in said["packages"]}) == len(said["packages"])
     assert said["settings"]["PCDBENCH_CACHE"] == str(session_cache)
     assert all(free > 0 for free in said["free_disk_gb"].values())
     assert {"kind": "task", "name": "chamfer"}.items() <= next(
