@@ -117,11 +117,9 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
     ]
     if regions:
         lines += [
-            f"Places are in the scan's own frame ({completed.frame.up} is up), metres; what has less than "
-            f"{SMALLEST_M2} m2 in one place is left out.",
+            f"Places are in the scan's own frame ({completed.frame.up} is up), metres; places under {SMALLEST_M2} m2 are "
+            "left out, and large ones told in pieces.",
             "",
-        ]
-        lines += [
             "![Plan from above](report.png)",
             "",
             "| | middle x, y, z (m) | size x, y, z (m) | area (m2) | share of all surface | confidence | reason |",

@@ -296,7 +296,7 @@ def test_the_page_is_plain_about_what_it_counts(planted, tmp_path):
     write_report(here, tmp_path / "a", "hall.ply", "idle")
     page = (tmp_path / "a/report.md").read_text()
     assert "Of the added points 0 have a confidence below" in page and "| share of all surface |" in page
-    assert "what has less than 0.5 m2 in one place is left out" in page and ", 0.0, " in page and "-0.0" not in page
+    assert "places under 0.5 m2 are left out" in page and ", 0.0, " in page and "-0.0" not in page
 
 
 @pytest.mark.parametrize(("factor", "says"), [(1.0, "No place of 0.5 m2 or more needs"), (100.0, "cannot be told")])
