@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
+
+if TYPE_CHECKING:
+    from pcdbench.geometry.visibility import MeshRaycaster
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +65,8 @@ class Surface:
     transparent: NDArray[np.bool_]
 
     @cached_property
-    def raycaster(self) -> object:
-        """The `pcdbench.geometry.visibility.MeshRaycaster` of this mesh, built once."""
+    def raycaster(self) -> MeshRaycaster:
+        """Casts rays on all but the transparent triangles; built once."""
         from pcdbench.geometry.visibility import MeshRaycaster
 
         return MeshRaycaster(self.vertices, self.triangles[~self.transparent])

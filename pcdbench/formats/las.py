@@ -40,9 +40,9 @@ _BYTES_A_PIECE = 1 << 25
 def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     """The points of a LAS or LAZ file; colours where it has them.
 
-    Colours that are all zero are none: point formats reserve the fields, and many programs leave them empty. So do the
-    format's other dimensions of a point, which are fields beside the extra ones. What is marked as withheld is deleted
-    (LAS 1.4, table 8) and becomes NaN.
+    Colours that are all zero are none: point formats reserve room for them, and many programs leave it empty. So the
+    format's own dimensions of a point (`intensity`) are fields only where they are not all zero; extra ones always
+    are. What is marked as withheld is deleted (LAS 1.4, table 8) and becomes NaN.
     """
     points: list[NDArray[np.float64]] = []
     colors: list[NDArray[Any]] = []

@@ -184,8 +184,8 @@ def _ascii_rows(stream: BinaryIO, row_type: np.dtype[Any], count: int, path: Pat
         # Coordinates stay double: text may hold more digits than the named type.
         is_coordinate = name in ("x", "y", "z")
         if base.kind in "iu" and not is_coordinate and beyond_double(column):
-            # Not where they are written with a point or an exponent, as floating-point numbers are: NumPy 1.26 cuts
-            # these off.
+            # Fails where they are written with a point or an exponent: then they stay floating-point numbers. NumPy
+            # 1.26 warns instead and cuts them off, which shows when they are compared.
             with suppress(ValueError, DeprecationWarning):
                 stream.seek(first)
                 whole = _ascii_numbers(stream, count, base, range(start, start + width)).reshape(column.shape)

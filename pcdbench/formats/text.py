@@ -89,8 +89,8 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     fields = {name: column[name] for name in column if name in wanted and name not in xyz + rgb}
     for name in [name for name in fields if beyond_double(fields[name])]:
         for kind in (np.int64, np.uint64):
-            # Not where they are written with a point or an exponent, as floating-point numbers are: NumPy 1.26 cuts
-            # these off.
+            # Fails where they are written with a point or an exponent: then they stay floating-point numbers. NumPy
+            # 1.26 warns instead and cuts them off, which shows when they are compared.
             with suppress(ValueError, DeprecationWarning):
                 whole = _read(path, layout, [places[names.index(name)]], np.dtype(kind))[:, 0]
                 if np.array_equal(whole.astype(np.float64), fields[name]):

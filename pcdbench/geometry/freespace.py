@@ -32,7 +32,8 @@ class FreeSpace:
     Attributes:
         corner: (2,) metres, x and y of the grid's lower corner.
         free: (X, Y) mask of cells of 5 cm where a body of radius 0.25 m can stand.
-        clearance_m: (X, Y) horizontal distance from a cell's centre to what is occupied.
+        clearance_m: (X, Y) least horizontal distance, from anywhere in a cell, to what is occupied; inf in all cells
+            where nothing is.
         floor_m: height of the floor.
     """
 
@@ -47,7 +48,7 @@ class FreeSpace:
         return self.corner + (np.argwhere(self.free) + 0.5) * CELL_M
 
     def nearest(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(2,) the centre of the free cell nearest to `xy`."""
+        """(2,) metres: the centre of the free cell nearest to `xy` (2,)."""
         return self.centers[np.argmin(np.linalg.norm(self.centers - xy, axis=1))]
 
     def clearance_at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,6 +64,9 @@ class FreeSpace:
 
         Each leg goes to a random free cell at least a metre off (or the farthest there is) by the way of least
         cost, which keeps to the middle of the free space; corners are rounded where the room allows it.
+
+        Raises:
+            Skipped: where the free space is less than half a metre across.
         """
         cost = np.where(self.free, 1.0 + 0.1 / np.maximum(self.clearance_m - BODY_RADIUS_M + CELL_M, CELL_M), np.inf)
         cells = np.argwhere(self.free)
@@ -120,7 +124,7 @@ def free_space(obstacles: NDArray[np.float64], seen: NDArray[np.float64]) -> Fre
     shape = tuple(np.ceil((seen[:, :2].max(axis=0) - corner) / CELL_M).astype(int) + 2)
     height = obstacles[:, 2] - floor
     occupied = _cells(obstacles[(height > ANKLE_M) & (height < HEAD_M)], corner, shape)
-    # Half a cell's diagonal: the obstacle may lie anywhere in its cell, and the position in its own.
+    # Less a cell's diagonal, half of it at each end: an obstacle may lie anywhere in its cell, a position in its own.
     clearance = ndimage.distance_transform_edt(~occupied) * CELL_M - np.sqrt(2) * CELL_M
     if not occupied.any():
         clearance = np.full(shape, np.inf)

@@ -31,6 +31,9 @@ def poisson_disk_indices(
         count: how many to take; all rows are returned where it is N or more.
         rng: decides the priorities.
         order: or (N,) the rows, that of highest priority first.
+
+    Raises:
+        ValueError: where neither is given and there is a choice.
     """
     total = len(points)
     if count >= total:

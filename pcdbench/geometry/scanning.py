@@ -44,7 +44,7 @@ class ScannedScene:
         self.lower, self.upper = complete.min(axis=0) - BOUNDS_MARGIN_M, complete.max(axis=0) + BOUNDS_MARGIN_M
         self.raycaster: MeshRaycaster
         if scene.surface is not None:
-            self.raycaster = scene.surface.raycaster  # type: ignore[assignment]
+            self.raycaster = scene.surface.raycaster
             obstacles = _obstacles(scene.surface, self.lower, self.upper, floor_height(scene.dense.points))
             self.tolerance_m = BOUNDS_MARGIN_M
         else:

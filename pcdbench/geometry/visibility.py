@@ -108,6 +108,9 @@ def camera_directions(horizontal_fov_deg: float, width: int, height: int) -> NDA
 
     Args:
         horizontal_fov_deg: angle between the image's left and right border, in (0, 180).
+
+    Raises:
+        ValueError: for any other angle.
     """
     if not 0.0 < horizontal_fov_deg < 180.0:
         raise ValueError(f"horizontal_fov_deg must lie in (0, 180), not {horizontal_fov_deg}")

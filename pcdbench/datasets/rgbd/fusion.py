@@ -173,7 +173,10 @@ def _depth_image(path: Path) -> NDArray[np.uint16] | None:
 def _aligned_colors(
     sequence: Sequence, frame: Frame, depth: NDArray[np.uint16], camera: Camera
 ) -> NDArray[np.uint8] | None:
-    """(H, W, 3) the colour that the colour camera saw at each depth pixel; None where it has no readable image."""
+    """(H, W, 3) the colour that the colour camera saw at each depth pixel; None where it has no readable image.
+
+    Depth that the colour camera did not see is set to 0 in `depth` itself.
+    """
     from skimage.io import imread
     from skimage.transform import resize
 
@@ -200,7 +203,7 @@ def _aligned_colors(
     x = np.rint(color_camera.fx * points[:, 0] / ahead + color_camera.cx).astype(np.int64)
     y = np.rint(color_camera.fy * points[:, 1] / ahead + color_camera.cy).astype(np.int64)
     inside = (points[:, 2] > 0) & (x >= 0) & (x < image.shape[1]) & (y >= 0) & (y < image.shape[0])
-    # What the colour camera did not see has no colour: without it there is no point either.
+    # A point without colour would be fused as a black one.
     depth[v[~inside], u[~inside]] = 0
     colors = np.zeros((height, width, 3), np.uint8)
     colors[v[inside], u[inside]] = image[y[inside], x[inside]]

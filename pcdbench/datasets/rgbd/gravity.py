@@ -72,9 +72,9 @@ def _level_and_upright(
 
 
 def _votes(normals: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N,) how much each normal speaks for a direction: a level one as much as is rare, an upright one less.
+    """(N,) how much each normal speaks for a direction: 1 if it lies across, 19 if it lies along it, else 0.
 
-    Of random normals ten times as many lie near a plane as near an axis; weights make up for that.
+    Of random normals 19 times as many lie that near to a plane as to its axis: the weight makes up for that.
     """
     level, upright = _level_and_upright(normals, up)
     limit = np.radians(_VOTE_DEG)
