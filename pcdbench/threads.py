@@ -29,7 +29,12 @@ def thread_count() -> int:
         if not share.isdecimal() or not int(share):
             raise PcdbenchError(f"{VARIABLE}={share} must be a number of threads, 1 or more; mend it or unset it")
         return int(share)
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return core_count() or 1
+
+
+def core_count() -> int | None:
+    """The cores this process may run on; None where the system does not tell."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 def threads_are_limited() -> bool:

@@ -14,6 +14,7 @@ import time
 import uuid
 from collections import Counter, deque
 from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -176,8 +177,6 @@ class _Dispatch:
 
     def _failed_rows(self, future: Future, job: Job) -> list[Row]:
         """Rows of a job that Dask gave up; what else can go wrong goes wrong with every job, and ends the run."""
-        from concurrent.futures import CancelledError
-
         from distributed import KilledWorker
 
         from pcdbench.runner.rows import base_row, new_row
@@ -201,8 +200,6 @@ class _Dispatch:
 
 @contextlib.contextmanager
 def _saying_that_the_scheduler_is_lost() -> Iterator[None]:
-    from concurrent.futures import CancelledError
-
     try:
         yield
     except (OSError, CancelledError, TimeoutError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import os
 import time
@@ -11,11 +12,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CacheWarning, CloudError, PcdbenchError
-from pcdbench.files import UNFINISHED, whole_file
+from pcdbench.files import UNFINISHED, read_arrays, whole_file
 from pcdbench.keys import canonical_json
 from pcdbench.paths import cache_dir
 
@@ -58,19 +58,15 @@ class CompletionCache:
 
     def get(self, key: str) -> Completion | None:
         """The completion of this key, now the most recently used, or None."""
-        import json
-
-        import numpy as np
-
-        if self.limit_bytes <= 0:
-            return None
         path = self._path(key)
+        stored = read_arrays(path) if self.limit_bytes > 0 else None
+        if stored is None:
+            return None
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                colors = stored.get("colors")
-                completion = Completion(PointCloud(stored["points"], colors), json.loads(str(stored["facts"])))
+            cloud = PointCloud(stored["points"], stored.get("colors"))
+            completion = Completion(cloud, json.loads(str(stored["facts"])))
             os.utime(path)
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile, CloudError):
+        except (OSError, ValueError, KeyError, CloudError):
             return None
         return completion
 

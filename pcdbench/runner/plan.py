@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -247,7 +246,7 @@ def _levels(levels: Sequence[float]) -> tuple[float, ...]:
             raise PcdbenchError(f"--level {level:g} must lie between 0 and 1: it is the share of points taken away")
     if not levels:
         raise PcdbenchError("no --level is given; 0.1,0.3,0.5 are usual")
-    return tuple(sorted({float(level) for level in levels if math.isfinite(level)}))
+    return tuple(sorted(set(map(float, levels))))
 
 
 def _split(dataset: Any, name: str, asked: str | None) -> str:

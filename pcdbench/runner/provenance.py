@@ -12,6 +12,7 @@ from typing import Any
 
 import pcdbench
 from pcdbench.plugins import GROUP
+from pcdbench.threads import core_count
 
 
 def provenance() -> dict[str, Any]:
@@ -23,7 +24,7 @@ def provenance() -> dict[str, Any]:
             "platform": platform.platform(),
             "python": sys.version.split()[0],
             "cpu": _cpu_model(),
-            "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+            "cores": core_count(),
             "memory_gb": _memory_gb(),
         },
     }

@@ -61,8 +61,13 @@ def base_row(dataset: Plugin, cell: Cell, threads: int | None = None) -> Row:
         "dataset": dataset.describe() | {"digest": cell.scene_digest},
         "threads": thread_count() if threads is None else threads,
         "host": platform.node(),
-        "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "time": utc_now(),
     }
+
+
+def utc_now() -> str:
+    """The time in UTC as rows and `run.json` have it: `2022-09-01T12:00:00Z`."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
 
 
 def samples_by_metric(task: Task, measurements: Measurements) -> Row:

@@ -6,7 +6,6 @@ import contextlib
 import platform
 import shlex
 import sys
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from pcdbench.runner.plan import Plan
 from pcdbench.runner.pool import LocalProcesses
 from pcdbench.runner.progress import RunProgress
 from pcdbench.runner.provenance import provenance
-from pcdbench.runner.rows import Row
+from pcdbench.runner.rows import Row, utc_now
 from pcdbench.runner.store import PLANNED_ROWS, RunStore
 from pcdbench.threads import thread_count
 
@@ -72,7 +71,7 @@ def carry_out(plan: Plan, folder: Path | None = None, executor: CellExecutor | N
         if jobs:
             circumstances = {
                 "workers": executor.workers,
-                "time": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                "time": utc_now(),
                 **provenance(),
                 "calibration_seconds": round(calibration_seconds(), 4),
             }
