@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from pcdbench.cli.results import Format
+
 if TYPE_CHECKING:
     from pcdbench.runner.jobs import CellExecutor, Limits
     from pcdbench.runner.plan import Plan, Request
     from pcdbench.runner.run import Run
-
-Format = Literal["table", "json", "csv", "markdown"]
 
 
 def names(text: str) -> list[str]:

@@ -6,6 +6,7 @@ comparisons), so that whatever shows it computes nothing anew. `board_file` keep
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -269,3 +270,12 @@ class Board:
     def task_of(self) -> Mapping[str, BoardTask]:
         """Tasks by name."""
         return {task.name: task for task in self.tasks}
+
+    def unmeasured(self) -> Counter[tuple[Status, str, str, str]]:
+        """How many results have no measurements, by (status, completer, task, reason)."""
+        return Counter(
+            (result.status, cell.completer, task, result.error or "")
+            for cell in self.cells
+            for task, result in cell.results.items()
+            if result.status != "ok"
+        )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -153,13 +153,7 @@ def _details(board: Board) -> list[str]:
 def _notes(board: Board) -> str:
     """Which completers saw the test scenes, and why measurements are missing."""
     lines = [f"- † {_name(its)} was trained on {its.saw_test}" for its in board.completers if its.saw_test]
-    lost = Counter(
-        (result.status, cell.completer, task, result.error or "")
-        for cell in board.cells
-        for task, result in cell.results.items()
-        if result.status != "ok"
-    )
-    shown = sorted(lost.items(), key=lambda item: (item[0][0] == "skipped", -item[1], item[0]))
+    shown = sorted(board.unmeasured().items(), key=lambda item: (item[0][0] == "skipped", -item[1], item[0]))
     lines += [
         f"- {count} {status}: {escaped_markdown(completer)} on {task}: {escaped_markdown(error)}"
         for (status, completer, task, error), count in shown[:_REASONS_SHOWN]

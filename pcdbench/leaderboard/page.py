@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from functools import cache
 from html import escape
@@ -98,12 +97,7 @@ def _about(board: Board) -> str:
             f"<li><bdi>{escape(its.label)}</bdi>: <bdi>{escape(its.saw_test)}</bdi></li>" for its in flagged
         )
         parts.append(f"<p>Trained on scenes of this board, so to be read with care:</p><ul>{lines}</ul>")
-    lost = Counter(
-        (result.status, cell.completer, task, result.error or "")
-        for cell in board.cells
-        for task, result in cell.results.items()
-        if result.status != "ok"
-    )
+    lost = board.unmeasured()
     if lost:
         lines = "".join(
             f"<li>{count} {status}: <bdi>{escape(completer)}</bdi> on <bdi>{escape(task)}</bdi>: "

@@ -189,7 +189,7 @@ def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
 
 def number(value: float, unit: str = "") -> str:
     """A number for people: `3.9e-4`, `0.893`, `12.4`; metres with three decimals."""
-    if value is None or math.isnan(value):
+    if math.isnan(value):
         return "-"
     if value == 0:
         return "0"
