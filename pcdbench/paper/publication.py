@@ -13,6 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from pcdbench.errors import PcdbenchError, first_problem
 from pcdbench.paper.names import require_known_names
+from pcdbench.plugins import registry
 from pcdbench.runner.plan import ALL
 from pcdbench.suite import Suite, read_toml
 
@@ -183,8 +184,6 @@ def read_publication(place: str) -> Publication:
 
 def where_publications_are() -> str:
     """What may be given as a publication, for messages: the completers that have one, or a file."""
-    from pcdbench.plugins import registry
-
     names = []
     for its in registry().all("completer"):
         # A package that cannot be imported is told by those who need it.
@@ -195,8 +194,6 @@ def where_publications_are() -> str:
 
 
 def _of_completer(name: str) -> Path:
-    from pcdbench.plugins import registry
-
     found = _beside(registry().get("completer", name).load().__module__)
     if found is None:
         raise PcdbenchError(f"{name} has no {FILE} in its package; give {where_publications_are()}")

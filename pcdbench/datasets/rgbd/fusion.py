@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pcdbench.cloud import PointCloud
 from pcdbench.datasets.rgbd.sequence import Camera, Frame, Sequence, is_rigid
 from pcdbench.errors import CloudError
 from pcdbench.geometry.poses import Pose, inverse
 from pcdbench.open3d_loader import load_open3d
+from pcdbench.threads import thread_count
 
 # Kinects write the largest number where nothing came back.
 _NO_RETURN = 65535
@@ -244,10 +246,6 @@ def _orthonormal(T: Pose) -> Pose:
 
 def _together(points: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
     """(N,) mask of the points with eight others within reach."""
-    from scipy.spatial import cKDTree
-
-    from pcdbench.threads import thread_count
-
     if len(points) < 9:
         return np.ones(len(points), bool)
     distances, _ = cKDTree(points).query(points, k=9, distance_upper_bound=reach_m, workers=thread_count())

@@ -40,14 +40,14 @@ def build(plan: Plan, rng: np.random.Generator) -> Building:
     parts: list[Mesh] = []
     lights: list[Light] = []
     for room in plan.rooms:
-        parts += [*_shell(plan, room, rng), *_services(plan, room, rng)]
-        lamps, lit = _lamps(plan, room, rng)
+        parts += [*_shell(plan, room, rng), *_services(room, rng)]
+        lamps, lit = _lamps(room, rng)
         parts += lamps
         lights += lit
     for opening in plan.openings:
         parts += filling(opening, rng)
         if opening.kind == "window":
-            lights.append(_daylight(plan, opening))
+            lights.append(_daylight(opening))
     for x, y, half, is_round in plan.columns:
         parts += _column(plan, x, y, half, is_round, rng)
     return Building(Mesh.merge(parts), tuple(lights))
@@ -103,7 +103,7 @@ def _ceiling_material(room: Room) -> str:
     return {"tiles": "ceiling_panels", "plain": "ceiling_paint", "open": "concrete"}[room.ceiling]
 
 
-def _daylight(plan: Plan, window: Opening) -> Light:
+def _daylight(window: Opening) -> Light:
     along = (window.end - window.start) / window.width
     inward = np.array([-along[1], along[0], 0.0])
     middle = np.array([*window.center, (window.z0 + window.z1) / 2])
@@ -111,7 +111,7 @@ def _daylight(plan: Plan, window: Opening) -> Light:
     return Light(middle - inward * 0.1, facing, 1.1 * window.width * (window.z1 - window.z0))
 
 
-def _lamps(plan: Plan, room: Room, rng: np.random.Generator) -> tuple[list[Mesh], list[Light]]:
+def _lamps(room: Room, rng: np.random.Generator) -> tuple[list[Mesh], list[Light]]:
     """Ceiling lamps on a grid over the room, of one kind."""
     low, high = room.outline.min(axis=0), room.outline.max(axis=0)
     spacing = float(rng.uniform(1.9, 2.9))
@@ -169,7 +169,7 @@ def _lamp(style: str, tint: int, height: float) -> tuple[Mesh, float]:
     ), 0.03
 
 
-def _services(plan: Plan, room: Room, rng: np.random.Generator) -> list[Mesh]:
+def _services(room: Room, rng: np.random.Generator) -> list[Mesh]:
     """Beams, soffits, ducts, pipes, cable trays."""
     parts: list[Mesh] = []
     low, high = room.outline.min(axis=0), room.outline.max(axis=0)

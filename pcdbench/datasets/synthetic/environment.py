@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.datasets.synthetic.building import Light
+from pcdbench.datasets.synthetic.materials import MATERIALS
 from pcdbench.datasets.synthetic.mesh import Mesh
+from pcdbench.geometry.visibility import MeshRaycaster
 from pcdbench.scene import TaggedObject
-
-if TYPE_CHECKING:
-    from pcdbench.geometry.visibility import MeshRaycaster
 
 Floats = NDArray[np.float64]
 
@@ -84,22 +82,16 @@ class Environment:
     @cached_property
     def opaque(self) -> NDArray[np.int64]:
         """The rows of the triangles that stop rays: all but panes of glass."""
-        from pcdbench.datasets.synthetic.materials import MATERIALS
-
         transparent = np.array([material.transparent for material in MATERIALS])
         return np.flatnonzero(~transparent[self.mesh.materials])
 
     @cached_property
     def reflectance(self) -> Floats:
         """The probability that a scanner's ray comes back from each of the `opaque` triangles, hit squarely."""
-        from pcdbench.datasets.synthetic.materials import MATERIALS
-
         lost = np.array([1.0 if material.mirror else material.dropout for material in MATERIALS])
         return 1.0 - lost[self.mesh.materials[self.opaque]]
 
     @cached_property
     def raycaster(self) -> MeshRaycaster:
         """Casts rays on the opaque triangles; its triangle numbers are rows of `opaque`."""
-        from pcdbench.geometry.visibility import MeshRaycaster
-
         return MeshRaycaster(self.mesh.vertices, self.mesh.triangles[self.opaque])

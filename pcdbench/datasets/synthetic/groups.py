@@ -29,10 +29,12 @@ STORES = ["bookcase", "cabinet", "filing_cabinet", "wardrobe", "open_rack", "boo
 
 
 def any_of(placement: Placement, names: list[str]) -> str:
+    """One of the names at random; those that are there twice come twice as often."""
     return str(placement.rng.choice(names))
 
 
 def spin(placement: Placement, degrees: float) -> float:
+    """A random turn, radians, of this standard deviation in degrees."""
     return float(np.radians(placement.rng.normal(0.0, degrees)))
 
 
@@ -110,6 +112,7 @@ def put_table(
     things: list[str],
     chair: str | None = None,
 ) -> Placed | None:
+    """A table with chairs around it and things on it; None where something is in the way."""
     table = placement.put(room, table_name, placement.build(table_name), x, y, yaw, 0.0, 0.55)
     if table is None:
         return None
@@ -119,10 +122,12 @@ def put_table(
 
 
 def middle_of(room: Room) -> Floats:
+    """(2,) metres: the middle of the rectangle around a room."""
     return (room.outline.min(axis=0) + room.outline.max(axis=0)) / 2
 
 
 def long_yaw(room: Room) -> float:
+    """The yaw, radians, of x along the longer side of a room."""
     size = np.ptp(room.outline, axis=0)
     return 0.0 if size[0] >= size[1] else np.pi / 2
 

@@ -103,8 +103,7 @@ def artwork(surface: Surface) -> Floats:
 def photograph(surface: Surface) -> Floats:
     """A landscape at the height of pictures on walls: sky above hills above a foreground, in the tint's colors."""
     tints = surface.tints
-    u, v = surface.uv.T
-    height = np.clip((v - 1.1) / 0.9 + 0.2 * tint_share(surface, 251), 0.0, 1.0)
+    height = np.clip((surface.uv[:, 1] - 1.1) / 0.9 + 0.2 * tint_share(surface, 251), 0.0, 1.0)
     ridge = 0.55 + 0.3 * (fractal_noise(surface.uv[:, :1] / 0.2, tints, 252) - 0.5)
     shore = 0.25 + 0.2 * (fractal_noise(surface.uv[:, :1] / 0.12, tints, 253) - 0.5)
     sky = blended(
@@ -113,7 +112,7 @@ def photograph(surface: Surface) -> Floats:
     hills = base_color(surface, ((0.2, 0.38, 0.22), (0.35, 0.3, 0.42), (0.5, 0.35, 0.2)), 255)
     near = base_color(surface, ((0.1, 0.2, 0.12), (0.75, 0.65, 0.45), (0.15, 0.25, 0.4)), 256)
     color = blended(blended(sky, hills, height < ridge), near, height < shore)
-    return shaded(color, 0.85 + 0.3 * fractal_noise(np.column_stack([u, v]) / 0.04, tints, 257))
+    return shaded(color, 0.85 + 0.3 * fractal_noise(surface.uv / 0.04, tints, 257))
 
 
 def _written(surface: Surface, line_m: float, share: float, salt: int) -> Floats:
