@@ -12,8 +12,8 @@ from torch.nn import functional as F
 
 from pcdbench.threads import at_once, thread_count
 
-SHARE_OF_NEW = 0.01  # a cloud's, in running means
-FEW = 8  # inputs of a point, at most, that are coordinates
+SHARE_OF_NEW = 0.01  # the share with which each cloud enters the running means
+FEW = 8  # inputs of a point, and fewer, are taken for coordinates, which keep their float32
 
 
 class SharedMLP(nn.Sequential):

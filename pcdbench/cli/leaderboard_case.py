@@ -50,6 +50,7 @@ def _found(board: Board, key: str) -> tuple[BoardCell, Sequence[str]]:
 
     if len(key) < _FEWEST_DIGITS:
         raise PcdbenchError(f"{key!r} is too short for a key; give at least {_FEWEST_DIGITS} digits of it")
+    # Boards keep the first 16 digits of a key; their page puts an ellipsis after them, and `rows.jsonl` has all 64.
     wanted = key.rstrip("…")
     found = [
         (cell, tasks)

@@ -29,7 +29,7 @@ class Completed:
         confidence: (N,) float32 in [0, 1]; 1 for observed points.
         spacing_m: (A,) of each added point: how far points are apart there, as on a square grid.
         weakest: (A,) uint8 of each added point: which of `confidence.FACTORS` lowers its confidence most.
-        gaps: (G, 3) places in gaps that stayed open.
+        gaps: (G, 3) metres, in the cloud's own frame: places in gaps that stayed open.
         gaps_m2: (G,) square metres of gap that each stands for.
         surface_m2: area of what was observed, about.
         frame: which axis is up.

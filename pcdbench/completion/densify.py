@@ -11,6 +11,7 @@ from pcdbench.geometry.sampling import apart_indices
 from pcdbench.threads import thread_count
 
 MOST_ROUNDS = 8
+# A round that adds less than this share of the points of its class is its last.
 FEWEST_NEW = 0.03
 # Of the points that the proposed surface has room for at the density wanted.
 ENOUGH = 0.97

@@ -16,13 +16,13 @@ PARALLEL = 0.9
 BENEATH_M = (0.25, 1.3)
 # Rim points are not found everywhere: between strips no farther apart than this, in spacings, all is open.
 WIDEST_SLIT = 3.0
-# An opening is as broad as that, in spacings: strips alone are of points that lack their neighbours by chance. So much
-# of a disc is open around each place in it; at a straight rim it is half.
+# A place is in an opening if the disc of BROAD spacings around it is open to the share FILLED; at a straight rim it is
+# to half. A strip without others beside it is not: it is of a point that lacks its neighbours by chance.
 BROAD, FILLED = 3.0, 0.4
 # Cells and steps between samples, in spacings.
 _CELL, _STEP = 1 / 2, 1 / 3
 _DIRECTIONS_TRIED = 300
-_WHOLE = 11  # cells within two of one, where all are covered; a few lie off their middle
+_WHOLE = 11  # of the 13 cells within two edges of one, itself counted: places lie off the middles of their cells
 
 
 def open_gaps(

@@ -20,6 +20,8 @@ SMALLEST_M2 = 0.5
 LARGEST_M = 2.2
 SMALLEST_PIECE_M2 = 0.25
 CELL_M = 0.3
+# Middles of cubes that touch, if only at a corner, are at most the square root of 3 edges apart; others are 2.
+TOUCHING_EDGES = 1.8
 _REASON_OF_FACTOR = {
     "distance": "added far from anything observed",
     "agreement": "what was added does not continue the surfaces around it",
@@ -133,7 +135,7 @@ def _clusters(points: NDArray[np.float64]) -> list[NDArray[np.int64]]:
     if not len(points):
         return []
     cells, cell = np.unique(np.floor((points - points.min(axis=0)) / CELL_M), axis=0, return_inverse=True)
-    pairs = cKDTree(cells).query_pairs(1.8, output_type="ndarray")
+    pairs = cKDTree(cells).query_pairs(TOUCHING_EDGES, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(len(cells), len(cells)))
     _, label = connected_components(links, directed=False)
     of_point = label[cell.ravel()]

@@ -27,8 +27,8 @@ LEAST_CHANGE = 1e-3
 """Smaller mean changes, as shares of the metric's mean, are no regression however certain they are."""
 SLOWER = 2.0
 SLOWER_ELSEWHERE = 6.0
-"""Twice the most that another processor made of a completer that nobody had changed: how much faster a processor
-multiplies matrices in bfloat16 than it does anything else is its own."""
+"""Twice the largest ratio found between two processors for a completer that nobody had changed: the calibration job
+does not show how much faster a processor multiplies matrices in bfloat16 than it does all else."""
 _SHORTEST_SECONDS = 0.002
 _SAME = 1e-9
 
