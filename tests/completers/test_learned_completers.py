@@ -24,7 +24,7 @@ from typer.testing import CliRunner
 from pcdbench import PcdbenchError, PointCloud
 from pcdbench.cli import app, list_, run
 from pcdbench.geometry.neighbors import nearest
-from pcdbench.plugins import Registration, load_target
+from pcdbench.plugins import Registration, Registry, load_target
 from pcdbench.runner.plan import Request, plan
 from pcdbench.testing import check_completer
 
@@ -272,17 +272,16 @@ def test_missing_weights_say_how_to_train_and_all_leaves_such_completers_out(mon
         plan(replace(asked, completers=["deeppcd"]))
 
 
-def test_list_shows_that_weights_are_missing(tmp_path):
+def test_list_shows_that_weights_are_missing(monkeypatch, tmp_path):
     there = tmp_path / "there.safetensors"
     there.touch()
     name = {"target": "a:B", "summary": "sums", "reference": False, "origin": "here"}
-    lines = list_._lines(
-        [
-            Registration("completer", "one", **name, weights=(there, tmp_path / "absent.safetensors")),
-            Registration("completer", "two", **name, weights=(there,)),
-        ]
-    )
-    assert "weights missing" in lines[0] and "weights missing" not in lines[1]
+    registry = Registry()
+    registry.add(Registration("completer", "one", **name, weights=(there, tmp_path / "absent.safetensors")))
+    registry.add(Registration("completer", "two", **name, weights=(there,)))
+    monkeypatch.setattr(list_, "registry", lambda: registry)
+    lines = CliRunner().invoke(app, ["list"]).stdout.splitlines()
+    assert lines[1:3] == ["  one  sums [weights missing]  here", "  two  sums                    here"]
 
 
 def test_a_run_tells_what_it_leaves_out_in_one_line_for_all_without_weights(monkeypatch, tmp_path):

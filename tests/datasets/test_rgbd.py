@@ -13,7 +13,7 @@ from pcdbench.cloud import PointCloud
 from pcdbench.datasets.rgbd import Rgbd
 from pcdbench.datasets.rgbd.fusion import Settings, fused
 from pcdbench.datasets.rgbd.gravity import levelled, up_direction
-from pcdbench.datasets.rgbd.layouts import _in_order, layout_of, read_sequence
+from pcdbench.datasets.rgbd.layouts import layout_of, read_sequence
 from pcdbench.datasets.rgbd.sequence import Camera
 from pcdbench.errors import CacheWarning, CloudError, PcdbenchError
 from pcdbench.formats import CloudWarning
@@ -457,10 +457,14 @@ def test_poses_without_times_need_images_named_by_number(tmp_path):
     assert frames[0].camera.scaled_to(4, 4) == Camera(2, 2, 1, 1), "a size of 0 is of no image"
 
 
-def test_files_that_no_number_tells_apart_are_sorted_by_name():
-    names = ["b.txt", "10.txt", "a.txt", "nan.txt", "9.txt"]
-    expected = ["9.txt", "10.txt", "a.txt", "b.txt", "nan.txt"]
-    assert [its.name for its in sorted(map(Path, names), key=_in_order)] == expected
+def test_files_that_no_number_tells_apart_are_sorted_by_name(tmp_path):
+    for folder in ("depth", "pose", "intrinsic"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "intrinsic/intrinsic_depth.txt").write_text("2 0 1 0 2 1 0 0 1")
+    for name in ("b", "10", "a", "nan", "9"):
+        (tmp_path / f"pose/{name}.txt").write_text("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1")
+        (tmp_path / f"depth/{name}.png").touch()
+    assert [its.name for its in read_sequence(tmp_path).frames] == ["9", "10", "a", "b", "nan"]
 
 
 def test_runs_of_frames_are_pairs_with_the_whole(tmp_path, camcorder):
