@@ -13,6 +13,7 @@ import numpy as np
 from pcdbench.case import Case, make_case
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer, ReferenceCompleter
+from pcdbench.dataset import Dataset
 from pcdbench.errors import PcdbenchError, PluginError, Skipped, told
 from pcdbench.keys import digest, seed_from
 from pcdbench.plugins import registry
@@ -155,7 +156,7 @@ class Executor:
             )
         return dataset.scene(cell.scene)
 
-    def _open(self) -> Any:
+    def _open(self) -> Dataset:
         return self._remember("dataset", self._dataset.identity, lambda: _as_planned(self._dataset))
 
     def _remember(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:

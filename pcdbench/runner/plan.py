@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.incompleteness import MEASURED
@@ -13,6 +13,9 @@ from pcdbench.keys import digest, seed_from
 from pcdbench.plugins import Kind, did_you_mean, registry
 from pcdbench.runner.cards import require_known_splits
 from pcdbench.runner.selection import Plugin, option_targets, parse_options, select
+
+if TYPE_CHECKING:
+    from pcdbench.dataset import Dataset
 
 ALL = "all"
 DEFAULT_LEVELS = (0.1, 0.3, 0.5)
@@ -249,7 +252,7 @@ def _levels(levels: Sequence[float]) -> tuple[float, ...]:
     return tuple(sorted(set(map(float, levels))))
 
 
-def _split(dataset: Any, name: str, asked: str | None) -> str:
+def _split(dataset: Dataset, name: str, asked: str | None) -> str:
     splits = list(dataset.splits())
     split = dataset.default_split if asked is None else asked
     if split not in splits:
@@ -257,7 +260,7 @@ def _split(dataset: Any, name: str, asked: str | None) -> str:
     return split
 
 
-def _scenes(dataset: Any, name: str, split: str) -> dict[str, str]:
+def _scenes(dataset: Dataset, name: str, split: str) -> dict[str, str]:
     """Digest by scene; one that cannot be read keeps its place, and fails when its turn comes."""
     digests: dict[str, str] = {}
     for scene in dataset.scene_names(split):

@@ -163,10 +163,11 @@ def _floor(points: Points) -> NDArray[np.int64]:
 
 
 def seen_from_stations(points: Points, rng: np.random.Generator) -> Mask:
-    """(N,) mask of what one to three scanner stations see, each past what stands in its way; at times everything.
+    """(N,) mask of what one to three scanner stations see, each past what stands in its way.
 
-    The generated surveys have more stations than many a real one: below tables and behind cabinets floors and walls
-    are missing there, in the complete scan too. Hidden is what lies well behind the nearest point in its direction.
+    Six truths in ten stay whole. The generated surveys have more stations than many a real one: below tables
+    and behind cabinets floors and walls are missing there, in the complete scan too. Hidden is what lies well behind
+    the nearest point in its direction.
     """
     seen = np.zeros(len(points), dtype=bool)
     if rng.random() < 0.6:
