@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pcdbench.cli.run import levels, names
+from pcdbench.cli.run import STOPPED, levels, names
 
 if TYPE_CHECKING:
     from pcdbench.leaderboard.audit import Audit
@@ -60,7 +60,7 @@ def audit(
     try:
         ended = carry_out(planned, out, local_processes(jobs))
     except KeyboardInterrupt:
-        typer.echo("pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True)
+        typer.echo(STOPPED, err=True)
         raise typer.Exit(130) from None
     found = audits(ended.rows)
     if format == "json":

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pcdbench.runner.plan import Plan, Request
     from pcdbench.runner.run import Run
 
+STOPPED = "pcdbench: stopped; finished cells are stored, and the same command goes on from there"
+
 
 def names(text: str) -> list[str]:
     """The comma-separated names of an option."""
@@ -85,9 +87,7 @@ def run(
             try:
                 ended = carry_out(planned, folder, place)
             except KeyboardInterrupt:
-                typer.echo(
-                    "pcdbench: stopped; finished cells are stored, and the same command goes on from there", err=True
-                )
+                typer.echo(STOPPED, err=True)
                 raise typer.Exit(130) from None
             failed += len(ended.failed)
             measured |= any(row["status"] == "ok" for row in ended.rows)
