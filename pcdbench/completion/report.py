@@ -117,8 +117,8 @@ def _page(completed: Completed, regions: list[Region], source: str, completer: s
     ]
     if regions:
         lines += [
-            f"Places are in the scan's own frame ({completed.frame.up} is up), metres; places under {SMALLEST_M2} m2 are "
-            "left out, and large ones told in pieces.",
+            f"Places are in the scan's own frame ({completed.frame.up} is up), metres; places under {SMALLEST_M2} m2 "
+            "are left out, and large ones told in pieces.",
             "",
             "![Plan from above](report.png)",
             "",
