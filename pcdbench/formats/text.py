@@ -172,7 +172,9 @@ def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float
 
 def _read(path: Path, layout: _Layout, places: list[int], kind: np.dtype[Any]) -> NDArray[Any]:
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        rows = islice(stream, layout.lines_before, None)
+        lines = islice(stream, layout.lines_before, None)
+        # A label with a single quote must not swallow the lines down to the next one.
+        rows = (line.replace('"', "") if line.count('"') % 2 else line for line in lines)
         return np.loadtxt(rows, dtype=kind, delimiter=layout.separator, usecols=places, ndmin=2, quotechar='"')
 
 
