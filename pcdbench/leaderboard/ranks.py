@@ -85,8 +85,9 @@ def ranking(
     together: dict[tuple[int, ...], list[tuple[str, str]]] = defaultdict(list)
     for pair in combinations(tried, 2):
         together[table.common(*pair)].append(pair)
-    compared = [one for cases, pairs in together.items() if cases for one in _compared(table, cases, pairs, statistic)]
-    critical = _critical(compared)
+    groups = [_compared(table, cases, pairs, statistic) for cases, pairs in together.items() if cases]
+    compared = [one for group in groups for one in group]
+    critical = _critical(groups)
     found = {}
     better_than: dict[str, set[str]] = {name: set() for name in tried}
     for one in compared:
@@ -163,14 +164,15 @@ def _compared(
     return found
 
 
-def _critical(compared: Sequence[_Compared]) -> float:
+def _critical(groups: Sequence[Sequence[_Compared]]) -> float:
     """How many spreads the interval of each pair reaches, such that all hold at once; NaN where there is none.
 
-    Pairs with other scenes are drawn apart, as if they had nothing to do with each other: that makes intervals wider,
-    never narrower (Sidak 1967).
+    Groups of pairs with other cases are taken as independent: that makes intervals wider, never narrower (Sidak 1967).
     """
-    moved = [one.moved for one in compared if one.moved is not None]
-    return float(np.quantile(np.max(moved, axis=0), CONFIDENCE)) if moved else np.nan
+    # Resamples of as many scenes draw the same places, whichever scenes these are: shuffled, groups share nothing.
+    shuffle = np.random.default_rng(0).permutation
+    largest = [np.max([one.moved for one in group], axis=0) for group in groups if group[0].moved is not None]
+    return float(np.quantile(np.max([shuffle(its) for its in largest], axis=0), CONFIDENCE)) if largest else np.nan
 
 
 class _Table:

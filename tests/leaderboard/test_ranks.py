@@ -118,6 +118,16 @@ def test_who_was_tried_on_little_takes_nothing_from_the_others_and_has_no_rank(s
     assert few.ranks == {"best": 1, "worse": 1}
 
 
+def test_pairs_of_other_scenes_are_independent_however_alike_their_values(scenes):
+    pair = {"a": tried(scenes), "b": tried(scenes * 1.05 + 0.2)}
+    other = {
+        f"other {name}": [Tried(its.case + 30, f"x{its.scene}", its.samples) for its in of] for name, of in pair.items()
+    }
+    alone, *_ = ranking(pair, {}, "lower", "mean").differences
+    both = ranking(pair | other, {}, "lower", "mean").differences
+    assert len(both) == 2 and all(its.difference.low < alone.difference.low for its in both)
+
+
 def test_alike_completers_of_other_scenes_are_seldom_told_apart():
     rng = np.random.default_rng(4)
     ends = (30, 30, 20, 20, 10, 7)
