@@ -11,10 +11,9 @@ import threading
 from typing import TYPE_CHECKING
 
 from pcdbench.errors import PluginError
-from pcdbench.plugins import registry
 from pcdbench.runner.isolated import IsolatedWorker
 from pcdbench.runner.jobs import Job, Limits
-from pcdbench.runner.selection import Plugin, code_digest
+from pcdbench.runner.selection import Plugin
 
 if TYPE_CHECKING:
     from pcdbench.runner.rows import Row
@@ -103,7 +102,7 @@ def _check_code(plugin: Plugin) -> None:
     """A worker with other code would fill a run with results that are not those of its configuration."""
     from distributed import get_worker
 
-    if code_digest(registry().get(plugin.kind, plugin.name).load()) != plugin.code:
+    if plugin.code_here() != plugin.code:
         raise PluginError(
             f"the Dask worker {get_worker().address} has other code of {plugin.kind} {plugin.name!r} than the machine "
             "that started the run; install the same versions there"

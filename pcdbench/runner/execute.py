@@ -16,12 +16,11 @@ from pcdbench.completer import Completer, ReferenceCompleter
 from pcdbench.dataset import Dataset
 from pcdbench.errors import PcdbenchError, PluginError, Skipped, told
 from pcdbench.keys import digest, seed_from
-from pcdbench.plugins import registry
 from pcdbench.runner.completions import Completion, CompletionCache
 from pcdbench.runner.measuring import Cost
 from pcdbench.runner.plan import Cell
 from pcdbench.runner.rows import Row, base_row, new_row, samples_by_metric
-from pcdbench.runner.selection import Plugin, code_digest
+from pcdbench.runner.selection import Plugin
 from pcdbench.scene import Scene
 from pcdbench.task import Measurements, Task
 
@@ -230,17 +229,13 @@ def _as_planned(plugin: Plugin) -> Any:
         PcdbenchError: where its code or its weights are not those that the run's keys and configuration tell of: they
             have changed since it was planned, or are others on this machine.
     """
+    planned = "that the run was planned with; give the command again, or the same files to all machines"
+    if plugin.code_here() != plugin.code:
+        raise PcdbenchError(f"the code of {plugin.name} is not that {planned}")
     built = plugin.build()
-    if code_digest(registry().get(plugin.kind, plugin.name).load()) != plugin.code:
-        what = "code of {} is not that"
-    elif plugin.weights is not None and built.weights_digest() != plugin.weights:
-        what = "weights of {} are not those"
-    else:
-        return built
-    raise PcdbenchError(
-        f"the {what.format(plugin.name)} that the run was planned with; give the command again, or the same files to "
-        "all machines"
-    )
+    if plugin.weights is not None and built.weights_digest() != plugin.weights:
+        raise PcdbenchError(f"the weights of {plugin.name} are not those {planned}")
+    return built
 
 
 def _at(stage: Stage, work: Callable[[], T]) -> T:

@@ -62,6 +62,10 @@ class Plugin:
         """Digest of name, version, options and weights: what of it decides an outcome."""
         return digest([self.kind, self.name, self.version, dict(self.options), self.weights])
 
+    def code_here(self) -> str:
+        """Digest of the code that is loaded under its name where this is called; see `code`."""
+        return code_digest(registry().get(self.kind, self.name).load())
+
     def build(self) -> Any:
         """A new instance of the plugin's class, with these options."""
         cls = registry().get(self.kind, self.name).load()

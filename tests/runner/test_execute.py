@@ -61,6 +61,7 @@ def test_a_row_holds_what_was_measured_and_how(run_rows):
     [
         ({"weights": "0" * 64}, "the weights of tiny_fill are not those"),
         ({"code": "x"}, "the code of tiny_fill is not"),
+        ({"code": "x", "options": {"gone": 1}}, "the code of tiny_fill is not"),
     ],
 )
 def test_what_changed_since_the_plan_is_not_measured_under_its_key(tmp_path, changed, message):
