@@ -50,10 +50,13 @@ def take_output(descriptor: int) -> None:
 
     Native libraries print to standard output, where the parent's tables and JSON go.
     """
-    for stream, taken in (("stdout", 1), ("stderr", 2)):
+    for name, taken in (("stdout", 1), ("stderr", 2)):
         os.dup2(descriptor, taken)
-        if getattr(getattr(sys, stream), "closed", False):
-            setattr(sys, stream, os.fdopen(taken, "w", buffering=1, closefd=False))
+        own = getattr(sys, f"__{name}__")
+        if own is None or own.closed:
+            own = os.fdopen(taken, "w", buffering=1, closefd=False)
+            setattr(sys, f"__{name}__", own)
+        setattr(sys, name, own)
 
 
 def end_group(pid: int) -> None:
@@ -66,8 +69,7 @@ def end_group(pid: int) -> None:
 
 def _flush_line_by_line() -> None:
     """What was printed before a crash must not be lost in a buffer."""
-    if sys.stdout is not None:
-        sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
+    sys.stdout.reconfigure(line_buffering=True)  # type: ignore[union-attr]
     try:
         libc = ctypes.CDLL(None)
         libc.setvbuf(ctypes.c_void_p.in_dll(libc, "stdout"), None, _LINE_BUFFERED, ctypes.c_size_t(0))

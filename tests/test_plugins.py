@@ -75,16 +75,6 @@ def test_registering_imports_nothing_and_loading_says_why_it_failed(entry_point:
         found.get("task", "later").load()
 
 
-def test_a_module_that_ends_its_process_is_one_that_cannot_be_loaded(
-    entry_point: Callable[..., EntryPoint], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "a_script_without_a_guard.py").write_text("import sys\nsys.exit(2)\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    found = load_registry([entry_point("script", register_tasks=registering("its", "a_script_without_a_guard:Task"))])
-    with pytest.raises(PluginError, match=r"task 'its' from .* cannot be loaded from .*: SystemExit: 2$"):
-        found.get("task", "its").load()
-
-
 def test_loading_a_class_that_its_module_lacks_is_one_line(entry_point: Callable[..., EntryPoint]) -> None:
     found = load_registry([entry_point("lazy", register_tasks=registering("later", "json:NoSuchThing"))])
     with pytest.raises(PluginError, match="NoSuchThing"):

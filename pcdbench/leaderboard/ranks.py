@@ -171,8 +171,9 @@ def _critical(groups: Sequence[Sequence[_Compared]]) -> float:
     """
     # Resamples of as many scenes draw the same places, whichever scenes these are: shuffled, groups share nothing.
     shuffle = np.random.default_rng(0).permutation
-    largest = [np.max([one.moved for one in group], axis=0) for group in groups if group[0].moved is not None]
-    return float(np.quantile(np.max([shuffle(its) for its in largest], axis=0), CONFIDENCE)) if largest else np.nan
+    moved = [[one.moved for one in group if one.moved is not None] for group in groups]
+    largest = [shuffle(np.max(its, axis=0)) for its in moved if its]
+    return float(np.quantile(np.max(largest, axis=0), CONFIDENCE)) if largest else np.nan
 
 
 class _Table:

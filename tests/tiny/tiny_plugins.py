@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import io
 import os
 import signal
 import subprocess
@@ -119,6 +120,8 @@ def misbehave(how: str) -> None:
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, 1)
             os.dup2(nowhere, 2)
+        case "redirect":
+            sys.stdout = sys.stderr = io.StringIO()
         case "shut":
             sys.stdout.close()
             os.close(2)
