@@ -98,7 +98,7 @@ def test_a_failure_counts_with_as_many_samples_as_others_have_there():
     assert found.differences[0].difference.value == pytest.approx(2.0 - (3 * 9.0 + 6 * 6.0) / 21)
 
 
-def test_only_cases_that_all_were_tried_on_count(scenes):
+def test_only_cases_that_both_were_tried_on_count(scenes):
     part = [Tried(one.case, one.scene, one.samples) for one in tried(scenes) if one.case >= 10]
     found = ranking({"a": tried(np.r_[scenes[:10] * 100, scenes[10:]]), "b": part}, {}, "lower", "mean")
     assert found.differences[0].cases == 20 and found.differences[0].difference.value == 0
