@@ -98,17 +98,22 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
                     break
     colors = None
     if rgb:
-        try:
-            colors = unit_colors(np.stack([column[name] for name in rgb], axis=1), path)
-        except CloudError as error:
-            if layout.names and set(rgb) <= set(layout.names):
-                raise
-            first = names.index(rgb[0]) + 1
-            raise CloudError(
-                f"{error}; or, if columns {first} to {first + 2} are no colours, write a first line that names all "
-                f"{layout.columns} (x y z intensity ...)"
-            ) from error
+        first = None if layout.names and set(rgb) <= set(layout.names) else names.index(rgb[0])
+        colors = _colors(np.stack([column[name] for name in rgb], axis=1), first, layout, path)
     return Columns(np.stack([column[name] for name in xyz], axis=1), colors, fields)
+
+
+def _colors(numbers: NDArray[np.float64], first: int | None, layout: _Layout, path: Path) -> NDArray[np.float32]:
+    """(N, 3) colours of these columns; `first` is the place of red where no name says that it is red."""
+    try:
+        return unit_colors(numbers, path)
+    except CloudError as error:
+        if first is None:
+            raise
+        raise CloudError(
+            f"{error}; or, if columns {first + 1} to {first + 3} are no colours, write a first line that names all "
+            f"{layout.columns} (x y z intensity ...)"
+        ) from error
 
 
 def _names_by_place(numbers: NDArray[np.float64], places: list[int], layout: _Layout, path: Path) -> list[str]:
