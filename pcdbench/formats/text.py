@@ -33,6 +33,7 @@ from pcdbench.formats.columns import (
 
 _COMMENT = re.compile(r"\s*(#|//)\s*")
 _DECIMAL_COMMA = re.compile(r"\s*-?\d+,\d+\s*[;\t ]\s*-?\d+,\d+")
+_QUOTED = re.compile(r'"[^"]*"')
 _RGB = ("red", "green", "blue")
 _HEADER_LINES = 200
 _ROWS_A_PIECE = 100_000
@@ -242,6 +243,8 @@ def _layout(path: Path, with_words: bool = True) -> _Layout:
         lines = [stream.readline(1 << 16) for _ in range(_HEADER_LINES)]
     for number, line in enumerate(lines):
         text = _COMMENT.sub("", line, count=1).strip() if _COMMENT.match(line) else line.split("#")[0].strip()
+        # Within quotes they separate nothing.
+        text = _QUOTED.sub(lambda quoted: re.sub(r"[;,\t]", " ", quoted[0]), text)
         separator = next((mark for mark in ";,\t" if mark in text), None)
         words = [word.strip("\"' \t") for word in text.split(separator)]
         if separator and not words[-1] and len(words) != len(names):

@@ -39,6 +39,7 @@ EXPECTED = np.array([[1.5, 2.0, 3.25], [4.0, -5.5, 6.0]])
         "id;room;x;y;z\n7;kitchen;1.5;2;3.25\n8;;4;-5.5;6\n",
         "x,y,z,label\n1.5,2,3.25,\n4,-5.5,6,chair\n",
         'x,y,z,label\n1.5,2,3.25,"wide\n4,-5.5,6,"\n',
+        'label,x,y,z\n"chair, red; desk",1.5,2,3.25\nchair,4,-5.5,6\n',
     ],
 )
 def test_points_without_color(tmp_path, text, recwarn):
