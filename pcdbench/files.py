@@ -32,7 +32,7 @@ def whole_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
         sync: the bytes are on the disk before the old file goes, so that a crash of the machine loses neither.
 
     Raises:
-        OSError: where it cannot be written.
+        OSError: where it cannot be written; its `filename` is `path` where a write failed (a full disk, say).
     """
     unfinished = path.with_name(UNFINISHED.replace("*", secrets.token_hex(8)) + path.suffix)
     try:
@@ -41,7 +41,9 @@ def whole_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
             with unfinished.open("rb+") as stream:
                 os.fsync(stream.fileno())
         os.replace(unfinished, path)
-    except BaseException:
+    except BaseException as error:
+        if isinstance(error, OSError) and error.errno is not None and error.filename is None:
+            error.filename = str(path)  # what fails while a file is written does not say which
         with suppress(OSError):
             unfinished.unlink()
         raise

@@ -26,6 +26,14 @@ def test_a_file_is_the_old_one_until_the_new_one_is_whole(tmp_path: Path) -> Non
     assert [(its.name, its.read_text()) for its in tmp_path.iterdir()] == [("cloud.ply", "new")]
 
 
+def test_what_fails_while_a_file_is_written_names_it(tmp_path: Path) -> None:
+    path = tmp_path / "curve.csv"
+    with pytest.raises(OSError, match=rf"No space left on device: '{path}'$"), whole_file(path):
+        raise OSError(errno.ENOSPC, "No space left on device")
+    with pytest.raises(OSError, match=r"^handle is closed$"), whole_file(path):
+        raise OSError("handle is closed")
+
+
 def test_a_file_is_synced_before_it_takes_the_old_ones_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "run.json"
     path.write_text("old")

@@ -13,6 +13,7 @@ import numpy as np
 from pcdbench.keys import file_digest
 from pcdbench.runner.cards import seen_along
 from pcdbench.runner.provenance import provenance
+from pcdbench.runner.store import write_text
 from pcdbench.training.curve import Curve
 from pcdbench.training.loop import Progress
 from pcdbench.training.stream import PairStream
@@ -58,7 +59,7 @@ def write_card(weights: Path, name: str, stream: PairStream, preset: Preset, pro
         "date": time.strftime("%Y-%m-%d", time.gmtime()),
         **provenance(),
     }
-    weights.with_suffix(CARD_SUFFIX).write_text(json.dumps(card, indent=2) + "\n")
+    write_text(weights.with_suffix(CARD_SUFFIX), json.dumps(card, indent=2) + "\n")
     return card
 
 
