@@ -48,7 +48,7 @@ def error_by_step(rows: pd.DataFrame) -> Figure:
             if len(errors) > 3:
                 axis.fill_between(steps, *np.quantile(errors, [0.25, 0.75], axis=0), color=color, alpha=0.12, lw=0)
         axis.set(title=missing_text(level, at_level), xlabel="step")
-    # As above.
+    # Once all is drawn, as in `error_cdf`.
     axes[0].set(ylabel="tracking error (m)", xlim=(1, None), ylim=(0, None))
     _legend(figure, axes)
     return figure
