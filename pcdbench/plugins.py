@@ -251,6 +251,9 @@ def _registrations(plugin: object, origin: str) -> list[Registration]:
     manager.add_hookspecs(HookSpecs)
     manager.register(plugin)
     manager.check_pending()
+    if not manager.get_hookcallers(plugin):
+        hooks = ", ".join(_HOOK_OF_KIND.values())
+        raise PluginError(f"it has none of the hooks {hooks}; mark them with @pcdbench.hookimpl")
     found: list[Registration] = []
     for kind, hook in _HOOK_OF_KIND.items():
 

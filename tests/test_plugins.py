@@ -69,6 +69,13 @@ def test_each_hook_registers_its_own_kind(entry_point: Callable[..., EntryPoint]
     )
 
 
+def test_a_module_whose_hooks_are_not_marked_is_broken(entry_point: Callable[..., EntryPoint]) -> None:
+    point = entry_point("unmarked")
+    vars(sys.modules["plugin_unmarked"])["register_tasks"] = registering("b")
+    told = load_registry([point]).broken["? (unmarked = plugin_unmarked)"]
+    assert "has none of the hooks" in told and "mark them with @pcdbench.hookimpl" in told
+
+
 def test_registering_imports_nothing_and_loading_says_why_it_failed(entry_point: Callable[..., EntryPoint]) -> None:
     found = load_registry([entry_point("lazy", register_tasks=registering("later"))])
     with pytest.raises(PluginError, match=r"task 'later' from .*lazy.* nowhere.at.all:Class: ModuleNotFoundError"):
