@@ -80,10 +80,18 @@ def _checked(dataset: Dataset, scenes: Sequence[str]) -> Iterator[tuple[str, Seq
     from rich.console import Console
     from rich.progress import Progress
 
+    from pcdbench.dataset import Finding
+    from pcdbench.errors import told
+
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("checking", total=len(scenes))
         for scene in scenes:
-            yield scene, dataset.check(scene)
+            try:
+                findings = dataset.check(scene)
+            except Exception as error:
+                # A plugin's data set may raise anything; the rest of its scenes are still to be checked.
+                findings = [Finding(scene, told(error), usable=False)]
+            yield scene, findings
             progress.advance(task)
 
 

@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 
 from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
+from pcdbench.datasets.clouds import Clouds
+from pcdbench.scene import Scene
 
 
 def check(*arguments):
@@ -59,6 +61,21 @@ def test_everything_wrong_is_told_and_the_rest_comes_out(tmp_path):
         for line in told
     )
     assert told[-2:] == [f"clouds:{tmp_path}: 5 scenes, 4 come out, 4 findings", "cannot be used: cut"]
+
+
+def test_whatever_a_data_set_raises_is_a_finding_of_that_scene(tmp_path, monkeypatch):
+    room().write(tmp_path / "a.ply")
+    room(seed=1).write(tmp_path / "b.ply")
+
+    def scene(self, name, real=Clouds.scene):
+        return real(self, name) if name == "b" else Scene(name, rows=None)
+
+    monkeypatch.setattr(Clouds, "scene", scene)
+    ended = check(f"clouds:{tmp_path}")
+    assert ended.exit_code == 1
+    first, *rest = ended.stdout.splitlines()
+    assert first.startswith("a: TypeError: ") and "'rows'" in first
+    assert rest == [f"clouds:{tmp_path}: 2 scenes, 1 come out, 1 findings", "cannot be used: a"]
 
 
 def test_s3dis_is_told_file_by_file_and_line_by_line(tmp_path):
