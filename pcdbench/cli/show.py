@@ -70,15 +70,17 @@ def _options(name: str, model: type[Options]) -> Iterator[str]:
     yield "  options"
     for key, field in model.model_fields.items():
         default = (
-            "required" if field.is_required() else f"default {_value(field.get_default(call_default_factory=True))}"
+            "required"
+            if field.is_required()
+            else f"default {_value(field.get_default(call_default_factory=True)) or 'empty'}"
         )
         yield f"    {key}  {_type(field)}, {default}"
         if field.description:
             yield f"        {field.description}"
     key, field = next(iter(model.model_fields.items()))
-    example = "VALUE" if field.is_required() else _value(field.get_default(call_default_factory=True))
+    example = "" if field.is_required() else _value(field.get_default(call_default_factory=True))
     yield ""
-    yield f"  for example: --option {name}.{key}={example}"
+    yield f"  for example: --option {name}.{key}={example or 'VALUE'}"
 
 
 def _type(field: FieldInfo) -> str:

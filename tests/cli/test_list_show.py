@@ -48,6 +48,13 @@ class Strict(Completer):
         return cloud
 
 
+class Learned(Strict):
+    """Has an option that is empty unless given."""
+
+    class Options(Options):
+        weights: str = ""
+
+
 class Weigh(Task):
     """Weighs."""
 
@@ -91,6 +98,7 @@ class Hooks:
         register("smear", f"{HERE}:Smear", "smears", reference=True)
         register("same", f"{HERE}:Smear", "as a completer")
         register("strict", f"{HERE}:Strict", "must be told how far")
+        register("learned", f"{HERE}:Learned", "has weights")
 
     @hookimpl
     def register_tasks(self, register: Register) -> None:
@@ -176,6 +184,12 @@ def test_show_a_completer() -> None:
 def test_an_option_without_default_is_shown_as_required() -> None:
     output = run("show", "strict").output
     assert "reach_m  float, required" in output and "for example: --option strict.reach_m=VALUE" in output
+
+
+@pytest.mark.usefixtures("installed")
+def test_an_option_that_is_empty_unless_given_is_shown_so() -> None:
+    output = run("show", "learned").output
+    assert "weights  str, default empty" in output and "for example: --option learned.weights=VALUE" in output
 
 
 @pytest.mark.usefixtures("installed")
