@@ -83,7 +83,8 @@ def _checked(dataset: Dataset, scenes: Sequence[str]) -> Iterator[tuple[str, Seq
     from pcdbench.dataset import Finding
     from pcdbench.errors import told
 
-    with Progress(console=Console(stderr=True), transient=True) as progress:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("checking", total=len(scenes))
         for scene in scenes:
             try:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -51,11 +51,20 @@ def build(
         from pcdbench.leaderboard.updating import updated
 
         board = updated(read_board(out), board)
-    clouds, problems = clouds_of_page(board, cases, data_paths(runs))
+    clouds, problems = clouds_of_page(board, cases, data_paths(runs), _with_bar)
     for problem in problems:
         typer.echo(f"pcdbench: without clouds: {problem}", err=True)
     for path in publish(board, out, clouds):
         typer.echo(str(path))
+
+
+def _with_bar(cases: Sequence[int]) -> Iterable[int]:
+    """The cases of the page one by one; on a terminal, with a bar."""
+    from rich.console import Console
+    from rich.progress import track
+
+    console = Console(stderr=True)
+    return track(cases, "clouds of the page", console=console, transient=True, disable=not console.is_terminal)
 
 
 app.command("case")(leaderboard_case.case)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -186,11 +186,18 @@ class Remaking:
 
 
 def clouds_of_page(
-    board: Board, scenes: int, paths: Mapping[str, str | None] | None = None
+    board: Board,
+    scenes: int,
+    paths: Mapping[str, str | None] | None = None,
+    shown: Callable[[Sequence[int]], Iterable[int]] = iter,
 ) -> tuple[list[CaseClouds], list[str]]:
     """Clouds for a board's page: of so many scenes of each data set, each incompleteness and level once.
 
     All together are about `PAGE_MEGABYTES`: the more clouds there are, the fewer points each has.
+
+    Args:
+        paths: see `Remaking`.
+        shown: goes through the cases one by one, and may show how far it is: completing takes minutes at worst.
 
     Returns:
         The clouds, and a line for whatever could not be made again: the page is right without them.
@@ -199,7 +206,7 @@ def clouds_of_page(
     panels = 2 + sum(not completer.reference for completer in board.completers)
     points = int(PAGE_MEGABYTES * 1e6 / _CHARACTERS_A_POINT / max(len(cases) * panels, 1))
     made, problems = [], []
-    for case in cases:
+    for case in shown(cases):
         try:
             its, lost = remaking.clouds(case, min(points, POINTS_AT_MOST))
         except PcdbenchError as error:

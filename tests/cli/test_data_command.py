@@ -40,6 +40,7 @@ def test_a_folder_in_order_has_no_findings(tmp_path):
     ended = check(f"clouds:{tmp_path}")
     assert ended.exit_code == 0, ended.stderr
     assert ended.stdout == f"clouds:{tmp_path}: 2 scenes, 2 come out, 0 findings\n"
+    assert ended.stderr == ""
 
 
 def test_everything_wrong_is_told_and_the_rest_comes_out(tmp_path):

@@ -32,7 +32,7 @@ def run(tmp_path, tiny_plugins, monkeypatch):
     return command
 
 
-def test_a_suite_is_run_built_and_checked(run, tmp_path):
+def test_a_suite_is_run_built_and_checked(run, tmp_path, monkeypatch):
     folder = tmp_path / "boards" / "tiny"
     folder.mkdir(parents=True)
     (folder / "suite.toml").write_text(SUITE)
@@ -51,7 +51,10 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path):
     assert "✅" in (tmp_path / "out" / "summary.md").read_text()
 
     before = (folder / "leaderboard.csv").read_text()
-    run("leaderboard", "build", "runs/tiny", "-o", "boards/tiny", "--update")
+    assert "clouds of the page" not in built.stderr
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert "clouds of the page" in run("leaderboard", "build", "runs/tiny", "-o", "boards/tiny", "--update").stderr
+    monkeypatch.delenv("FORCE_COLOR")
     assert (folder / "leaderboard.csv").read_text() == before
     assert [its["label"] for its in json.loads((folder / "leaderboard.json").read_text())["completers"]][
         -1
