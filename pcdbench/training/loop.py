@@ -118,9 +118,11 @@ class Progress:
         share = budget.spent(self.step, self.seconds)
         left = self.seconds / share - self.seconds if share else 0.0
         terms = ", ".join(f"{name} {value:.4f}" for name, value in self.terms.items())
-        validation = "not yet" if self.validation is None else f"{self.validation:.3f}"
+        validation = (
+            "no validation yet" if self.validation is None else f"validation ChD {self.validation:.3f} of doing nothing"
+        )
         return (
-            f"step {self.step}: {terms}, validation ChD {validation} of doing nothing, "
+            f"step {self.step}: {terms}, {validation}, "
             f"{self.seconds / max(self.step, 1):.2f} s a step, {left / 60:.0f} min left"
         )
 

@@ -484,6 +484,14 @@ def test_the_plateau_rule_lowers_the_rate_after_two_checks_without_a_better_one(
     assert (progress.best, progress.waited) == (0.4, 0)
 
 
+def test_a_line_of_progress_tells_the_validation_once_there_is_one() -> None:
+    progress = Progress(step=2, seconds=120.0, terms={"loss": 0.5})
+    budget = Budget(steps=4)
+    assert progress.line(budget) == "step 2: loss 0.5000, no validation yet, 60.00 s a step, 2 min left"
+    progress.validated(0.8)
+    assert ", validation ChD 0.800 of doing nothing, " in progress.line(budget)
+
+
 def test_the_card_describes_the_weights_and_a_changed_file_is_refused(tmp_path: Path) -> None:
     preset = HeightTrainee.presets["default"]
     progress = trained(tmp_path, 3, save_every_s=0.0)
