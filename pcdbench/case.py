@@ -64,6 +64,12 @@ def make_case(scene: Scene, name: str, incompleteness: Incompleteness, level: fl
             f"incompleteness {name!r} must return a boolean mask over the {len(scene.complete)} complete points, "
             f"not {kept.dtype} of shape {kept.shape}"
         )
+    taken, wanted = int((~kept).sum()), round(level * len(kept))
+    if incompleteness.has_levels and taken != wanted:
+        raise PcdbenchError(
+            f"incompleteness {name!r} must take away exactly round(level * N) points, {wanted} of {len(kept)} at level "
+            f"{level:g}, not {taken}; where the data decides how many, set has_levels = False"
+        )
     if not incompleteness.has_levels:
         level = 1.0 - float(kept.mean())
     return Case(scene, name, level, seed, kept, incompleteness.scan(scene, kept, rng))

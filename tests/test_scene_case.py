@@ -11,12 +11,11 @@ from pcdbench import Box, Case, Incompleteness, PcdbenchError, PointCloud, Scene
 
 
 class FirstPointsGo(Incompleteness):
-    """Takes the first round(level * N) points, and one more where the rng says so."""
+    """Takes the first round(level * N) points, or the last where the rng says so."""
 
     def kept(self, scene: Scene, level: float, rng: np.random.Generator) -> np.ndarray:
         mask = np.arange(len(scene.complete)) >= round(level * len(scene.complete))
-        mask[-1] = rng.random() < 0.5
-        return mask
+        return mask if rng.random() < 0.5 else mask[::-1]
 
 
 class Broken(Incompleteness):
@@ -85,3 +84,8 @@ def test_levels_that_are_no_share_are_refused(room: Scene, level: float) -> None
 def test_an_incompleteness_that_returns_no_mask_is_named(room: Scene, result: np.ndarray) -> None:
     with pytest.raises(PcdbenchError, match="'broken' must return a boolean mask over the 4000"):
         make_case(room, "broken", Broken(result), 0.3, 0)
+
+
+def test_an_incompleteness_that_takes_more_or_less_than_the_level_is_named(room: Scene) -> None:
+    with pytest.raises(PcdbenchError, match=r"'broken' must take .*, 1200 of 4000 at level 0.3, not 1199; .*has_levels"):
+        make_case(room, "broken", Broken(np.arange(4000) >= 1199), 0.3, 0)
