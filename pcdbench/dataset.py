@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
+
 from pcdbench import options as plugin_options
 from pcdbench.errors import PcdbenchError
 from pcdbench.scene import Scene
@@ -94,6 +96,21 @@ class Dataset(ABC):
                 return [Finding(name, str(error), usable=False)]
         told = dict.fromkeys(str(its.message) for its in warned if issubclass(its.category, UserWarning))
         findings = [Finding(name, problem) for problem in told]
+        if not _is_drawn(scene):
+            findings.append(
+                Finding(
+                    name,
+                    "its complete_index does not name the rows of its dense cloud that make up its complete cloud",
+                    "the reference resample, which draws from the other rows, is no ceiling",
+                )
+            )
         if scene.dense.colors is None:
             findings.append(Finding(name, "it has no colour", "what needs colour is skipped"))
         return findings
+
+
+def _is_drawn(scene: Scene) -> bool:
+    """Whether the complete cloud is those rows of the dense one that the scene names."""
+    rows = np.asarray(scene.complete_index)
+    inside = rows.shape == (len(scene.complete),) and rows.min() >= 0 and rows.max() < len(scene.dense)
+    return inside and np.array_equal(scene.dense.points[rows], scene.complete.points)

@@ -87,5 +87,7 @@ def test_an_incompleteness_that_returns_no_mask_is_named(room: Scene, result: np
 
 
 def test_an_incompleteness_that_takes_more_or_less_than_the_level_is_named(room: Scene) -> None:
-    with pytest.raises(PcdbenchError, match=r"'broken' must take .*, 1200 of 4000 at level 0.3, not 1199; .*has_levels"):
+    with pytest.raises(
+        PcdbenchError, match=r"'broken' must take .*, 1200 of 4000 at level 0.3, not 1199; .*has_levels"
+    ):
         make_case(room, "broken", Broken(np.arange(4000) >= 1199), 0.3, 0)

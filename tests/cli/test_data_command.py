@@ -1,6 +1,7 @@
 """`pcdbench data check`: what is there, what is wrong with it, how many scenes come out."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -77,6 +78,19 @@ def test_whatever_a_data_set_raises_is_a_finding_of_that_scene(tmp_path, monkeyp
     first, *rest = ended.stdout.splitlines()
     assert first.startswith("a: TypeError: ") and "'rows'" in first
     assert rest == [f"clouds:{tmp_path}: 2 scenes, 1 come out, 1 findings", "cannot be used: a"]
+
+
+@pytest.mark.parametrize("rows", [np.arange(7), np.arange(600)[::-1], np.arange(600) + 1])
+def test_rows_that_do_not_make_up_the_complete_cloud_are_told(tmp_path, monkeypatch, rows):
+    room().write(tmp_path / "a.ply")
+
+    def scene(self, name, real=Clouds.scene):
+        return replace(real(self, name), complete_index=rows)
+
+    monkeypatch.setattr(Clouds, "scene", scene)
+    ended = check(f"clouds:{tmp_path}")
+    assert ended.exit_code == 0
+    assert ended.stdout.startswith("a: its complete_index does not name the rows of its dense cloud")
 
 
 def test_s3dis_is_told_file_by_file_and_line_by_line(tmp_path):
