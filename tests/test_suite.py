@@ -191,7 +191,7 @@ def test_a_check_runs_what_the_suite_says_is_enough_of_what_is_on_the_board(tmp_
     tasks = ["all"]
     [check]
     scenes = ["box2", "box1"]
-    levels = [0.3]
+    levels = [0.3, 0.5]
     tasks = ["tiny_gap"]
     """)
     board = board_of(["incomplete", "tiny_fill", "tiny_colorful"], ["tiny_gap", "tiny_color"])
@@ -202,14 +202,15 @@ def test_a_check_runs_what_the_suite_says_is_enough_of_what_is_on_the_board(tmp_
     assert ([its.name for its in planned.tasks], list(planned.scenes), planned.levels) == (
         ["tiny_gap"],
         ["box2", "box1"],
-        (0.3,),
+        (0.3, 0.5),
     )
     with pytest.raises(PcdbenchError, match="which says what to run; give a run of its cases by --run"):
         check_plans(board, tmp_path / "nowhere")
     text = (tmp_path / "suite.toml").read_text()
     for has, asks, message in (
         ('["tiny_gap"]', '["tiny_gap", "tiny_gab"]', "check.tasks has 'tiny_gab', which is not in the suite; did you "),
-        ("[0.3]", "[0.3, 0.4]", r"check.levels has '0.4', which is not in the suite; did you mean 0"),
+        ("[0.3, 0.5]", "[0.3]", "a check needs 4 cases, and this is of 2; name more scenes or levels"),
+        ("[0.3, 0.5]", "[0.3, 0.4]", r"check.levels has '0.4', which is not in the suite; did you mean 0"),
         ('tasks = ["tiny_gap', "completers = ['tiny_fil']\ntasks = [\"tiny_gap", "has 'tiny_fil', .* mean tiny_fill"),
         ("[check]", "[check]\nincompletenesses = ['holes']", "check.incompletenesses has 'holes', .*; there is slab"),
     ):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board import Board
+from pcdbench.leaderboard.gate import FEWEST_CASES
 from pcdbench.leaderboard.publishing import SUITE
 from pcdbench.plugins import did_you_mean
 from pcdbench.runner.plan import ALL, Plan, Request, plan
@@ -22,7 +23,7 @@ def check_plans(board: Board, folder: Path, dataset: str | None = None) -> list[
         dataset: `NAME:PATH`, instead of the suite's.
 
     Raises:
-        PcdbenchError: where there is no suite, or it asks for what cannot be run.
+        PcdbenchError: where there is no suite, or it asks for what cannot be run, or for too few cases.
     """
     path = folder / SUITE
     if not path.is_file():
@@ -35,6 +36,12 @@ def check_plans(board: Board, folder: Path, dataset: str | None = None) -> list[
         narrowed = _narrowed(request, board, suite.check)
         if narrowed.completers:
             plans.append(_of_scenes(plan(narrowed), suite.check.scenes))
+    cases = {(planned.dataset.identity, cell.case) for planned in plans for cell in planned.cells}
+    if plans and len(cases) < FEWEST_CASES:
+        raise PcdbenchError(
+            f"{path}: a check needs {FEWEST_CASES} cases, and this is of {len(cases)}; name more scenes or levels in "
+            "the suite, or in its [check]"
+        )
     return plans
 
 
