@@ -39,9 +39,10 @@ class Prism:
         try:
             sides = ConvexHull(plan).equations
         except QhullError:
-            # All in one line: the rectangle around it.
-            low, high = plan.min(axis=0), plan.max(axis=0)
-            sides = np.array([[-1, 0, low[0]], [0, -1, low[1]], [1, 0, -high[0]], [0, 1, -high[1]]])
+            # All in one line: the rectangle along it.
+            _, axes = np.linalg.eigh(np.cov(plan, rowvar=False, ddof=0))
+            normals = np.concatenate([axes.T, -axes.T])
+            sides = np.column_stack([normals, -(plan @ normals.T).max(axis=0)])
         return Prism(sides, float(points[:, 2].min()), float(points[:, 2].max()))
 
     def side_depth(self, plan: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -151,6 +151,9 @@ def test_the_prism_is_the_hull_of_the_plan_without_strays() -> None:
 def test_a_prism_around_a_line_is_thin_and_around_three_points_is_theirs() -> None:
     line = np.linspace(0, 1, 50)[:, None] * (3.0, 0.0, 0.0)
     assert Prism.around(line, 0.1).depth(np.array([[1.5, 0.0, 0.0], [1.5, 1.0, 0.0]])) == pytest.approx([0.0, -1.0])
+    assert Prism.around(line[:, [0, 0, 2]], 0.1).depth(np.array([[1.5, 1.5, 0.0], [2, 1, 0]])) == pytest.approx(
+        [0.0, -np.sqrt(0.5)]
+    )
     corners = np.array([[0.0, 0, 0], [2, 0, 0], [0, 2, 0]])
     assert Prism.around(corners, 0.1).depth(np.array([[0.5, 0.5, 0.0]]))[0] == pytest.approx(0.0)
 
