@@ -42,8 +42,9 @@ def whole_file(path: Path, *, sync: bool = False) -> Iterator[Path]:
                 os.fsync(stream.fileno())
         os.replace(unfinished, path)
     except BaseException as error:
+        # What fails while writing, unlike what fails while opening, does not say of which file.
         if isinstance(error, OSError) and error.errno is not None and error.filename is None:
-            error.filename = str(path)  # what fails while a file is written does not say which
+            error.filename = str(path)
         with suppress(OSError):
             unfinished.unlink()
         raise

@@ -18,7 +18,7 @@ def save_checkpoint(
     path: Path, network: nn.Module, average: Mapping[str, Tensor], optimizer: torch.optim.Optimizer, progress: dict
 ) -> None:
     """Write everything needed to go on, into one file that is either the old one or the new one."""
-    from safetensors.torch import save_file
+    from safetensors.torch import save
 
     tensors = {f"network/{name}": value for name, value in network.state_dict().items()}
     tensors |= {f"average/{name}": value for name, value in average.items()}
@@ -26,7 +26,7 @@ def save_checkpoint(
         tensors |= {f"optimizer/{index}/{name}": value for name, value in state.items()}
     tensors = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
     with whole_file(path, sync=True) as unfinished:
-        save_file(tensors, unfinished, metadata={"progress": json.dumps(progress)})
+        unfinished.write_bytes(save(tensors, metadata={"progress": json.dumps(progress)}))
 
 
 def load_checkpoint(
@@ -69,10 +69,12 @@ def load_checkpoint(
 
 def save_weights(path: Path, average: Mapping[str, Tensor]) -> None:
     """Write the averaged network as completers ship it: in float16, and what that cannot hold in float32."""
-    from safetensors.torch import save_file
+    from safetensors.torch import save
 
+    halved = {name: _halved(value.detach().cpu().contiguous()) for name, value in average.items()}
     with whole_file(path) as unfinished:
-        save_file({name: _halved(value.detach().cpu().contiguous()) for name, value in average.items()}, unfinished)
+        # Its own writing of files hides them from other users, and a full disk is no OSError.
+        unfinished.write_bytes(save(halved))
 
 
 def _halved(value: Tensor) -> Tensor:

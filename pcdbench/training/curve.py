@@ -26,9 +26,11 @@ class Curve:
         write_text(self._csv, table[table["step"] <= step].to_csv(index=False))
 
     def add(self, step: int, seconds: float, terms: Mapping[str, float], validation: float | None) -> None:
-        """Write one more line."""
+        """Write one more line, in place of any of this step or later."""
         line = {"step": step, "seconds": round(seconds), **terms, "validation_chd": validation}
-        table = pd.concat([self.table(), pd.DataFrame([line])], ignore_index=True)
+        table = self.table()
+        # One that was written before its checkpoint was, and that was stopped, is written again.
+        table = pd.concat([table[table["step"] < step], pd.DataFrame([line])], ignore_index=True)
         write_text(self._csv, table.to_csv(index=False))
 
     def draw(self) -> None:

@@ -197,7 +197,7 @@ def train(
 
     Raises:
         PcdbenchError: where the checkpoint, or `start`, is of another network, where the checkpoint is of another seed,
-            preset or options, where boards could not read the card of `start`, or where `validate` would have no
+            preset, options or `start`, where boards could not read the card of `start`, or where `validate` would have no
             completer to ask.
     """
     preset = trainee.presets["default"] if preset is None else preset
@@ -227,9 +227,14 @@ def train(
     if resume and checkpoint.exists():
         progress = resumed(checkpoint, plain, average, optimizer, name)
         _require_same(checkpoint, progress, stream.seed, preset, given, trainee.presets)
-        curve.cut(progress.step)
+        if start is not None and (progress.begun_from or {}).get("sha256") != start.digest:
+            raise PcdbenchError(f"{checkpoint} did not begin from {start.path}; go on without --from")
+        last = progress.step
     else:
-        curve.cut(-1)
+        last = -1
+    # Of several processes one alone writes: what another has not finished would be taken for torn.
+    if accelerator.is_main_process:
+        curve.cut(last)
     progress.seed, progress.name = stream.seed, name or progress.name
     progress.preset, progress.options = preset, given
     network, optimizer = accelerator.prepare(plain, optimizer)
@@ -238,15 +243,18 @@ def train(
 
     held = progress.step  # what the files in `out` hold
 
-    def save() -> None:
+    def save(draw: bool = False) -> None:
+        # The checkpoint last: killed at any moment before, what was saved with it is made again.
         nonlocal held
-        save_checkpoint(checkpoint, plain, average, optimizer, asdict(progress))
         path = out / "weights.safetensors"
         weights = {name: value for name, value in average.items() if trainee.completes(name)}
         # The card of a training that ended and goes on would describe other weights, and have these refused.
         path.with_suffix(CARD_SUFFIX).unlink(missing_ok=True)
         save_weights(path, weights)
         curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
+        if draw:
+            curve.draw()
+        save_checkpoint(checkpoint, plain, average, optimizer, asdict(progress))
         held = progress.step
 
     whole = True  # not in the middle of a step, nor of its check
@@ -273,11 +281,10 @@ def train(
                 validated = time.monotonic()
             whole = True
             if done or now - saved >= save_every_s:
-                save()
+                draw = done or now - drawn >= DRAW_EVERY_S
+                save(draw)
                 saved = time.monotonic()
-            if done or now - drawn >= DRAW_EVERY_S:
-                curve.draw()
-                drawn = time.monotonic()
+                drawn = saved if draw else drawn
             if done or now - reported > 10.0:
                 report(progress.line(budget))
                 reported = now

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -26,9 +27,10 @@ from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError
 from pcdbench.options import Options
 from pcdbench.runner.cards import checked_card
+from pcdbench.training import loop
 from pcdbench.training import truths as truths_module
 from pcdbench.training.card import write_card
-from pcdbench.training.checkpoint import load_checkpoint, save_weights
+from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
 from pcdbench.training.curve import Curve
 from pcdbench.training.loop import Budget, Progress, _step, train
 from pcdbench.training.stream import PairStream, TrainingPair
@@ -130,6 +132,68 @@ def test_stopped_anywhere_and_resumed_the_weights_are_the_same_bit_by_bit(tmp_pa
     assert whole["loss"].tolist() == parts["loss"].tolist()
 
 
+@pytest.mark.parametrize("what", ["save_weights", "save_checkpoint", "Curve.add", "Curve.draw"])
+def test_killed_in_its_last_save_it_is_saved_whole_by_the_resumption(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    trained(tmp_path / "whole", 2)
+
+    def killed(*_: object) -> None:
+        raise SystemExit
+
+    with monkeypatch.context() as patch, pytest.raises(SystemExit):
+        patch.setattr(f"pcdbench.training.loop.{what}", killed)
+        trained(tmp_path / "parts", 2)
+    trained(tmp_path / "parts", 2, resume=True)
+    whole, parts = ((tmp_path / run / "weights.safetensors").read_bytes() for run in ("whole", "parts"))
+    assert whole == parts
+    assert list(Curve(tmp_path / "parts").table()["step"]) == [2]
+    assert (tmp_path / "parts" / "curve.png").exists()
+
+
+def test_ctrl_c_in_a_save_leaves_one_line_of_it_in_the_curve(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saving = loop.save_checkpoint
+
+    def interrupted(*args: Any) -> None:
+        monkeypatch.setattr(loop, "save_checkpoint", saving)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(loop, "save_checkpoint", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        trained(tmp_path, 2, save_every_s=0.0)
+    assert list(Curve(tmp_path).table()["step"]) == [1] and self_steps(tmp_path) == 1
+
+
+def test_what_is_saved_can_be_read_by_whom_other_files_can(tmp_path: Path) -> None:
+    trained(tmp_path, 1)
+    assert len({path.stat().st_mode for path in tmp_path.iterdir()}) == 1
+
+
+@pytest.mark.parametrize("name", ["weights.safetensors", "checkpoint.safetensors"])
+def test_a_disk_that_is_full_is_told_with_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    network = nn.Linear(100, 100)
+    state = {key: value.clone() for key, value in network.state_dict().items()}
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, limits[1]))
+    try:
+        with pytest.raises(OSError) as full:
+            if name == "weights.safetensors":
+                save_weights(tmp_path / name, state)
+            else:
+                save_checkpoint(tmp_path / name, network, state, torch.optim.AdamW(network.parameters()), {})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert full.value.errno == errno.EFBIG and full.value.filename == str(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_of_several_processes_the_main_one_alone_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Accelerator, "is_main_process", False)
+    trained(tmp_path, 1)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_kill_at_any_moment_leaves_a_checkpoint_to_go_on_from(tmp_path: Path) -> None:
     script = tmp_path / "child.py"
     script.write_text(
@@ -209,6 +273,10 @@ def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
     card = write_card(first / "weights.safetensors", "height", PairStream(), preset, trained(first, 40))
     start = Weights(first / "weights.safetensors", str(first / "weights.safetensors"), "height")
     trained(second, 1, start=start, save_every_s=0.0)
+    with pytest.raises(PcdbenchError, match="did not begin from .*second/weights.safetensors; go on without"):
+        other = second / "weights.safetensors"
+        trained(second, 2, start=Weights(other, str(other), "height"), resume=True)
+    progress = trained(second, 2, start=start, resume=True, save_every_s=0.0)
     progress = trained(second, 2, resume=True, save_every_s=0.0)
     curves = [Curve(folder).table() for folder in (first, second)]
     assert curves[1]["loss"].iloc[0] < 0.8 * curves[0]["loss"].iloc[0]
