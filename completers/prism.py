@@ -53,6 +53,12 @@ class Prism:
             np.minimum(depth, -(x * plan[:, 0] + y * plan[:, 1] + offset), out=depth)
         return depth
 
+    def misses(self, low: NDArray[np.float64], high: NDArray[np.float64], by_m: float) -> bool:
+        """Whether all of the box from corner (3,) to corner (3,) lies at least so far outside, by one face alone."""
+        normals, offsets = self.sides[:, :2], self.sides[:, 2]
+        nearest = np.minimum(normals * low[:2], normals * high[:2]).sum(axis=1) + offsets
+        return bool(max(nearest.max(), low[2] - self.high, self.low - high[2]) >= by_m)
+
     def depth(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) metres from (N, 3) points to the nearest face, negative outside."""
         ends = np.minimum(points[:, 2] - self.low, self.high - points[:, 2])

@@ -85,7 +85,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         grid = Grid.around(local.points, self._voxel_spacings * spacing_m)
         threshold = self.options.threshold
         may_pass = threshold / (threshold + MAX_SHIFT * (1 - threshold))
-        found = predict(self._network, local, grid, min(LEAST_LIKELY, may_pass))
+        found = predict(self._network, local, grid, min(LEAST_LIKELY, may_pass), BEYOND * spacing_m)
         found = given_what_is_missing(unobserved(found, local, grid, spacing_m), local, grid)
         found = found.select(found.probability > threshold)
         added, confidence = surface_points(local, found, spacing_m, rng)

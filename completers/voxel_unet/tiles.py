@@ -46,11 +46,14 @@ class Prediction:
         return Prediction(*(values[rows] for values in vars(self).values()))
 
 
-def predict(network: VoxelUNet, cloud: PointCloud, grid: Grid, threshold: float) -> Prediction:
+def predict(
+    network: VoxelUNet, cloud: PointCloud, grid: Grid, threshold: float, beyond_m: float = np.inf
+) -> Prediction:
     """Where in the grid the probability of surface passes the threshold, tile by tile: memory does not grow with it.
 
     Args:
         cloud: what was observed, metres; all of it lies in the grid.
+        beyond_m: nobody asks farther outside of the prism than this: tiles that lie there are not read.
     """
     import torch
 
@@ -60,6 +63,12 @@ def predict(network: VoxelUNet, cloud: PointCloud, grid: Grid, threshold: float)
     found = [Prediction(none, np.zeros(0, np.float32), none.astype(np.float32), np.zeros(0, np.int8))]
     with torch.inference_mode():
         for tile in _tiles_with_points(blocks, grid):
+            # With a voxel around it, as offsets move points.
+            low, high = (
+                grid.origin + grid.edge_m * np.array(ends) for ends in zip(*(span.around for span in tile), strict=True)
+            )
+            if grid.prism.misses(low, high, beyond_m):
+                continue
             part = grid.part([span.read[0] for span in tile], [span.read[1] for span in tile])
             near = product(*(range(span.read[0] // STEP, (span.read[1] - 1) // STEP + 1) for span in tile))
             rows = np.concatenate([blocks.get(block, np.zeros(0, np.int64)) for block in near])
@@ -169,6 +178,11 @@ class _Span:
 
     read: tuple[int, int]
     used: tuple[int, int]
+
+    @property
+    def around(self) -> tuple[int, int]:
+        """The used part and a voxel on each side."""
+        return self.used[0] - 1, self.used[1] + 1
 
 
 def _spans(size: int) -> list[_Span]:

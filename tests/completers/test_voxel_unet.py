@@ -438,6 +438,29 @@ def test_a_higher_threshold_adds_less_and_confidence_is_above_it() -> None:
 
 
 @trained
+def test_strays_outside_of_the_prism_cost_no_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+    monkeypatch.setattr(tiles, "network_input", lambda *args: read.append(args) or network_input(*args))
+    strays = np.random.default_rng(0).uniform(50, 500, (30, 3))
+    VoxelUNetCompleter().complete(
+        pcdbench.PointCloud(np.concatenate([room(2000).points, strays])), np.random.default_rng(0)
+    )
+    assert len(read) == 1
+
+
+def test_a_box_misses_the_prism_by_any_one_face() -> None:
+    prism = Prism.around(room(3000).points, 0.5)
+    low, high = np.array([1.0, 1.0, 1.0]), np.array([2.0, 2.0, 2.0])
+    assert not prism.misses(low, high, 0.0)
+    for axis in range(3):
+        away = 20.0 * np.eye(3)[axis]
+        for moved in (away, -away):
+            assert prism.misses(low + moved, high + moved, 5.0) and not prism.misses(low + moved, high + moved, 30.0)
+            assert not prism.misses(np.minimum(low, low + moved), np.maximum(high, high + moved), 0.0)
+    assert not prism.misses(low + 99.0, high + 99.0, np.inf)
+
+
+@trained
 def test_tiles_give_what_one_piece_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     complete = room(12_000)
     cloud = with_hole(with_hole(complete, (4.5, 2.0, 0.0), 0.8), (2.0, 0.0, 1.3), 0.7)
