@@ -167,8 +167,11 @@ def checked_options(name: str, model: type[OptionsModel], given: Mapping[str, st
             raise PcdbenchError(
                 f"{name} needs --option {name}.{key}=VALUE: it has no default (see pcdbench show {name})"
             ) from None
+        if not first["loc"]:
+            # What a model says of its options together.
+            raise PcdbenchError(f"{name}: {problem_text(first['msg'])} (see pcdbench show {name})") from None
         value = given.get(key)
-        problem, place = first["msg"], first["loc"][-1] if first["loc"] else ""
+        problem, place = first["msg"], first["loc"][-1]
         if first["type"] == "missing" and isinstance(place, int):
             problem = f"value {place + 1} is missing"
         raise PcdbenchError(

@@ -197,11 +197,13 @@ def train(
 
     Raises:
         PcdbenchError: where the checkpoint, or `start`, is of another network, where the checkpoint is of another seed,
-            preset, options or `start`, where boards could not read the card of `start`, or where `validate` would have no
-            completer to ask.
+            preset, options or `start`, where boards could not read the card of `start`, where `validate` would have no
+            completer to ask, or where there is no GPU for `cuda`.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
+    if device == "cuda" and not torch.cuda.is_available():
+        raise PcdbenchError("this machine has no GPU that torch finds; give --device auto or cpu")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -1,7 +1,9 @@
 """Options are checked before anything runs, and an error names the option and its cure."""
 
+from typing import Self
+
 import pytest
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pcdbench.errors import PcdbenchError, PluginError
 from pcdbench.options import Options
@@ -134,3 +136,17 @@ def test_an_option_without_default_that_is_not_given_is_asked_for():
 def test_option_of_a_plugin_that_is_installed_but_not_in_the_run():
     with pytest.raises(PcdbenchError, match="'tiny_fill' is not in this run; name it there too, or leave its options"):
         option_targets({"tiny_fill": {"points": "1"}}, {"completer": ["tiny_colorful"], "task": ["tiny_gap"]})
+
+
+def test_what_a_plugin_says_of_its_options_together_names_the_plugin_and_no_option():
+    class Together(Options):
+        weights: str = ""
+
+        @model_validator(mode="after")
+        def _weights_are_used(self) -> Self:
+            raise ValueError("Weights are not used; leave them out")
+
+    with pytest.raises(
+        PcdbenchError, match=r"^joined: weights are not used; leave them out \(see pcdbench show joined"
+    ):
+        checked_options("joined", Together, {"weights": "x"})

@@ -273,7 +273,7 @@ def test_it_begins_from_weights_and_tells_which(tmp_path: Path) -> None:
     card = write_card(first / "weights.safetensors", "height", PairStream(), preset, trained(first, 40))
     start = Weights(first / "weights.safetensors", str(first / "weights.safetensors"), "height")
     trained(second, 1, start=start, save_every_s=0.0)
-    with pytest.raises(PcdbenchError, match="did not begin from .*second/weights.safetensors; go on without"):
+    with pytest.raises(PcdbenchError, match=r"did not begin from .*second/weights\.safetensors; go on without"):
         other = second / "weights.safetensors"
         trained(second, 2, start=Weights(other, str(other), "height"), resume=True)
     progress = trained(second, 2, start=start, resume=True, save_every_s=0.0)
@@ -476,6 +476,13 @@ def test_a_trainee_that_is_none_is_one_line(tmp_path: Path, monkeypatch, target:
     assert ended.exit_code == 2 and ended.stderr.count("\n") == 1
     assert ended.stderr.startswith("pcdbench: voxel_unet cannot be trained: ")
     assert repr(target) in ended.stderr and problem in ended.stderr
+
+
+def test_a_gpu_that_is_not_there_is_told_and_not_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    with pytest.raises(PcdbenchError, match="no GPU that torch finds; give --device auto or cpu"):
+        train(HeightTrainee(), tmp_path / "out", Budget(steps=1), workers=0, device="cuda")
+    assert not (tmp_path / "out").exists()
 
 
 def test_no_time_to_train_is_one_line(tmp_path: Path) -> None:
