@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -37,9 +38,10 @@ class Weights:
         Raises:
             PcdbenchError: where the file is missing, or is not the one that its card or its digest describes.
         """
-        self.path = downloaded(own) if is_address(own) else Path(own) if own else shipped
+        # Shells leave the `~` of NAME.weights=~/FILE to whoever reads it.
+        self.path = downloaded(own) if is_address(own) else Path(os.path.expanduser(own)) if own else shipped
         self._name = name
-        if not self.path.is_file():
+        if not os.path.isfile(self.path):
             cure = (
                 "check the path"
                 if own

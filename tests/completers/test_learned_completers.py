@@ -27,6 +27,7 @@ from pcdbench.geometry.neighbors import nearest
 from pcdbench.plugins import Registration, Registry, load_target
 from pcdbench.runner.plan import Request, plan
 from pcdbench.testing import check_completer
+from pcdbench.weights import Weights
 
 
 def rng(seed=0):
@@ -244,6 +245,15 @@ def test_weights_of_ones_own(tmp_path, networks, room):
     assert np.abs(one.points - other.complete(room.without_colors(), rng()).points).max() < 0.02  # float16
     geometry_alone = DeepPCD(DeepPCDOptions(**alone))
     assert geometry_alone.weights_digest() != loaded.weights_digest()
+
+
+def test_weights_under_ones_home_are_found_and_a_path_that_is_none_is_one_line(monkeypatch, tmp_path, networks):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    saved(tmp_path, geometry=networks["geometry"])
+    assert Weights(tmp_path / "none", "~/geometry.safetensors", "deeppcd").card is None
+    for path in ("~nobody/geometry.safetensors", "x" * 5000):
+        with pytest.raises(PcdbenchError, match=r"the weights of deeppcd are not at .*; check the path"):
+            Weights(tmp_path / "none", path, "deeppcd")
 
 
 def test_weights_of_a_colour_network_that_is_not_asked_for_are_told():
