@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
@@ -198,7 +199,7 @@ def train(
     Raises:
         PcdbenchError: where the checkpoint, or `start`, is of another network, where the checkpoint is of another seed,
             preset, options or `start`, where boards could not read the card of `start`, where `validate` would have no
-            completer to ask, or where there is no GPU for `cuda`.
+            completer to ask, where there is no GPU for `cuda`, or where `out` cannot be made or written.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -208,6 +209,8 @@ def train(
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PcdbenchError(f"{out} cannot be made ({error.strerror}); give another folder") from None
+    if not os.access(out, os.W_OK):
+        raise PcdbenchError(f"{out} cannot be written; give another folder")
     if validate is not None:
         # Not hours later, when there is something to validate; before the seed is set, so that nothing else changes.
         _require_completer(trainee)

@@ -485,6 +485,12 @@ def test_a_gpu_that_is_not_there_is_told_and_not_replaced(tmp_path: Path, monkey
     assert not (tmp_path / "out").exists()
 
 
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)  # tests of whom everything is allowed find no such folder
+    with pytest.raises(PcdbenchError, match="cannot be written; give another folder"):
+        trained(tmp_path, 1)
+
+
 def test_no_time_to_train_is_one_line(tmp_path: Path) -> None:
     ended = CliRunner().invoke(app, ["train", "voxel_unet", "--hours", "0", "--out", str(tmp_path / "new")])
     assert (ended.exit_code, ended.stderr) == (2, "pcdbench: hours must be greater than zero, not 0\n")
