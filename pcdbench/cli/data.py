@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from pcdbench.cli.bar import with_bar
+
 if TYPE_CHECKING:
     from pcdbench.dataset import Dataset, Finding
 
@@ -77,23 +79,16 @@ def _splits(dataset: Dataset) -> dict[str, list[str]]:
 
 def _checked(dataset: Dataset, scenes: Sequence[str]) -> Iterator[tuple[str, Sequence[Finding]]]:
     """Each scene with its findings; on a terminal, with a bar."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     from pcdbench.dataset import Finding
     from pcdbench.errors import told
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("checking", total=len(scenes))
-        for scene in scenes:
-            try:
-                findings = dataset.check(scene)
-            except Exception as error:
-                # A plugin's data set may raise anything; the rest of its scenes are still to be checked.
-                findings = [Finding(scene, told(error), usable=False)]
-            yield scene, findings
-            progress.advance(task)
+    for scene in with_bar(scenes, "checking"):
+        try:
+            findings = dataset.check(scene)
+        except Exception as error:
+            # A plugin's data set may raise anything; the rest of its scenes are still to be checked.
+            findings = [Finding(scene, told(error), usable=False)]
+        yield scene, findings
 
 
 def _verdict(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pcdbench.cli import leaderboard_case
+from pcdbench.cli.bar import with_bar
 
 if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board
@@ -51,20 +53,11 @@ def build(
         from pcdbench.leaderboard.updating import updated
 
         board = updated(read_board(out), board)
-    clouds, problems = clouds_of_page(board, cases, data_paths(runs), _with_bar)
+    clouds, problems = clouds_of_page(board, cases, data_paths(runs), partial(with_bar, what="clouds of the page"))
     for problem in problems:
         typer.echo(f"pcdbench: without clouds: {problem}", err=True)
     for path in publish(board, out, clouds):
         typer.echo(str(path))
-
-
-def _with_bar(cases: Sequence[int]) -> Iterable[int]:
-    """The cases of the page one by one; on a terminal, with a bar."""
-    from rich.console import Console
-    from rich.progress import track
-
-    console = Console(stderr=True)
-    return track(cases, "clouds of the page", console=console, transient=True, disable=not console.is_terminal)
 
 
 app.command("case")(leaderboard_case.case)

@@ -69,18 +69,18 @@ def _options(name: str, model: type[Options]) -> Iterator[str]:
         return
     yield "  options"
     for key, field in model.model_fields.items():
-        default = (
-            "required"
-            if field.is_required()
-            else f"default {_value(field.get_default(call_default_factory=True)) or 'empty'}"
-        )
+        default = "required" if field.is_required() else f"default {_default(field) or 'empty'}"
         yield f"    {key}  {_type(field)}, {default}"
         if field.description:
             yield f"        {field.description}"
     key, field = next(iter(model.model_fields.items()))
-    example = "" if field.is_required() else _value(field.get_default(call_default_factory=True))
     yield ""
-    yield f"  for example: --option {name}.{key}={example or 'VALUE'}"
+    yield f"  for example: --option {name}.{key}={_default(field) or 'VALUE'}"
+
+
+def _default(field: FieldInfo) -> str:
+    """The text of the default; empty where that is empty, and where there is none."""
+    return "" if field.is_required() else _value(field.get_default(call_default_factory=True))
 
 
 def _type(field: FieldInfo) -> str:

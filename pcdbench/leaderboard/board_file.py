@@ -12,7 +12,7 @@ from typing import Any
 import orjson
 from pydantic import TypeAdapter, ValidationError
 
-from pcdbench.errors import PcdbenchError, first_problem
+from pcdbench.errors import PcdbenchError, first_problem, told
 from pcdbench.leaderboard.board import Board, BoardCell, BoardResult, Comparison, Standing
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.runner.store import write_text
@@ -79,8 +79,7 @@ def read_board(path: Path) -> Board:
     except ValidationError as error:
         raise PcdbenchError(f"{path} is damaged ({first_problem(error)}); build the board again") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        told = f"{type(error).__name__}: {error}"
-        raise PcdbenchError(f"{path} is damaged ({told}); build the board again") from None
+        raise PcdbenchError(f"{path} is damaged ({told(error)}); build the board again") from None
 
 
 def _no_number(text: str) -> float:
@@ -147,13 +146,13 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Estimate):
         return [_rounded(number) for number in (value.value, value.low, value.high)]
     if isinstance(value, BoardResult):
-        told = {field.name: getattr(value, field.name) for field in fields(value)}
-        return {name: its for name, its in told.items() if its or name in ("key", "status")}
-    if isinstance(value, BoardCell):
-        told = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
-        return told if value.cached else {name: its for name, its in told.items() if name != "cached"}
+        kept = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: its for name, its in kept.items() if its or name in ("key", "status")}
     if hasattr(value, "__dataclass_fields__"):
-        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        kept = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+        if isinstance(value, BoardCell) and not value.cached:
+            del kept["cached"]
+        return kept
     if isinstance(value, float):
         return None if math.isnan(value) else value
     if isinstance(value, Mapping):

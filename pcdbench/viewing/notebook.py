@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pcdbench.errors import told
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
@@ -50,7 +52,7 @@ def figures_html(figures: Iterable[tuple[str, Figure]]) -> str:
             image = _image_html(png.getvalue(), name)
         except Exception as error:
             # Much of matplotlib fails only here, and a task of a third party may have built the figure.
-            image, caption = "", f"{name} cannot be drawn: {type(error).__name__}: {error}"
+            image, caption = "", f"{name} cannot be drawn: {told(error)}"
         parts.append(f'<figure style="margin:0 0 1em">{image}<figcaption>{escape(caption)}</figcaption></figure>')
     return "".join(parts)
 
