@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pcdbench.completer import Completer, ReferenceCompleter
     from pcdbench.completion import Completed, complete
     from pcdbench.dataset import Dataset, Finding
+    from pcdbench.external import CommandCompleter, FolderCompleter
     from pcdbench.incompleteness import Incompleteness
     from pcdbench.leaderboard.results import read_figures, read_results
     from pcdbench.options import Options
@@ -29,10 +30,12 @@ __version__ = "0.1.0"
 _MODULE_OF_NAME = {
     "Box": "scene",
     "Case": "case",
+    "CommandCompleter": "external",
     "Completed": "completion",
     "Completer": "completer",
     "Dataset": "dataset",
     "Finding": "dataset",
+    "FolderCompleter": "external",
     "Incompleteness": "incompleteness",
     "Measurements": "task",
     "Metric": "task",
@@ -56,10 +59,12 @@ __all__ = [
     "Box",
     "Case",
     "CloudError",
+    "CommandCompleter",
     "Completed",
     "Completer",
     "Dataset",
     "Finding",
+    "FolderCompleter",
     "Incompleteness",
     "Measurements",
     "Metric",

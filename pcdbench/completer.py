@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ class Completer(ABC):
         needs_color: cases without colour are skipped, with that as the reason.
         citation: whom to cite.
         trainee: for a completer that learns, its `pcdbench.training.trainee.Trainee` as "package.module:Class".
+        costs: what rows say of what completing cost. One that has others work for it leaves out what they spent unseen.
     """
 
     Options: ClassVar[type[plugin_options.Options]] = plugin_options.Options
@@ -36,6 +37,7 @@ class Completer(ABC):
     needs_color: ClassVar[bool] = False
     citation: ClassVar[str] = ""
     trainee: ClassVar[str | None] = None
+    costs: ClassVar[tuple[Literal["seconds", "peak_memory_mb"], ...]] = ("seconds", "peak_memory_mb")
 
     def __init__(self, options: plugin_options.Options | None = None) -> None:
         self.options = self.Options() if options is None else options

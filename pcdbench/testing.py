@@ -68,6 +68,7 @@ def check_completer(
         f"{who}.weights_digest() must be None or a SHA-256 as a text in hex, not {digest!r}",
     )
     _check_card(who, completer)
+    _require(set(completer.costs) <= set(Completer.costs), f"{who}.costs must be some of {Completer.costs}")
     report("version, options, weights' digest and model card can be shown and recorded")
     scene = scene or small_room()
     case = half_missing(scene, seed=0)

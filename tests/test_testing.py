@@ -109,6 +109,7 @@ FAULTY_COMPLETERS = {
     "define Options in the plugin's class": completer(lambda cloud, rng: cloud, Options=options_of_a_function()),
     "call super().__init__(options)": completer(lambda cloud, rng: cloud, __init__=lambda self: None),
     "version must be": completer(lambda cloud, rng: cloud, version=2),
+    "Faulty.costs must be some of": completer(lambda cloud, rng: cloud, costs="seconds"),
     "Faulty.complete(): ValueError: no plane in sight": completer(raises(ValueError("no plane\nin sight"))),
     "Faulty.complete(): SystemExit: 0": completer(raises(SystemExit(0))),
     "Faulty.complete(): AssertionError": completer(raises(AssertionError())),

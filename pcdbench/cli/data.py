@@ -1,18 +1,21 @@
-"""`pcdbench data check`: what is there, what is wrong with it, and how many scenes come out."""
+"""`pcdbench data`: what is there and what is wrong with it; incomplete clouds as files, for who completes elsewhere."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from pcdbench.cli.bar import with_bar
+from pcdbench.cli.run import requests_of
 
 if TYPE_CHECKING:
     from pcdbench.dataset import Dataset, Finding
+    from pcdbench.runner.plan import Request
 
 app = typer.Typer(no_args_is_help=True, help="Data sets on disk.")
 
@@ -59,6 +62,57 @@ def check(
         typer.echo(_verdict(dataset, splits, checked, unusable))
     if unusable:
         raise typer.Exit(1)
+
+
+@app.command("export")
+def export(
+    suite: Annotated[Path | None, typer.Argument(help="A suite: the TOML file of a run.")] = None,
+    dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH, else indoor.")] = None,
+    split: Annotated[str | None, typer.Option(help="A split of it, else its default.")] = None,
+    incompleteness: Annotated[
+        str | None, typer.Option(help="Ways to take points away, separated by commas, else holes.")
+    ] = None,
+    level: Annotated[str | None, typer.Option(help="Shares of points to take away, else 0.1,0.3,0.5.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Decides every random draw, else 0.")] = None,
+    option: Annotated[
+        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="The folder of the clouds.")] = Path("incomplete"),
+    format: Annotated[Literal["ply", "pcd", "xyz", "npz"], typer.Option(help="Of the files.")] = "ply",
+) -> None:
+    """Write the incomplete clouds of a run as files, to complete them elsewhere (see pcdbench.FolderCompleter).
+
+    Options are those of the run. What is there already is not written again. Exit code 3 where a case cannot be made.
+    """
+    from pcdbench.runner.exporting import cases, exported
+    from pcdbench.runner.plan import plan
+
+    references, tasks = (None, None) if suite else (",".join(_references()), "all")
+    asked = requests_of(suite, references, tasks, dataset, split, incompleteness, level, seed, option or ())
+    to_write = cases(plan(_without_completers(request)) for request in asked)
+    written = list(exported(with_bar(to_write, "exporting"), out, format))
+    problems = [its for its in written if its.path is None]
+    for its in problems:
+        typer.echo(f"pcdbench: {its.cell.scene} at level {its.cell.level:g}: {its.problem}", err=True)
+    there = len(written) - len(problems)
+    typer.echo(f"{out}: {there} incomplete clouds, {sum(its.new for its in written)} of them new")
+    if problems:
+        raise typer.Exit(3)
+
+
+def _references() -> list[str]:
+    from pcdbench.plugins import registry
+
+    return [its.name for its in registry().all("completer") if its.reference]
+
+
+def _without_completers(request: Request) -> Request:
+    """The same cases, of a request whose own completers may not be usable yet."""
+    from pcdbench.plugins import registry
+
+    others = {its.name for kind in ("completer", "task") for its in registry().all(kind)}
+    options = [option for option in request.options if option.partition(".")[0].strip() not in others]
+    return replace(request, completers=_references(), references=False, tasks=("all",), options=options)
 
 
 def _splits(dataset: Dataset) -> dict[str, list[str]]:

@@ -76,7 +76,7 @@ def run(
     from pcdbench.runner.run import carry_out
 
     limits = Limits(timeout, memory_limit, retries)
-    asked = _requests(suite, completer, task, dataset, split, incompleteness, level, seed, option or ())
+    asked = requests_of(suite, completer, task, dataset, split, incompleteness, level, seed, option or ())
     plans = [plan(request) for request in asked]
     for line in _left_out({name: reason for planned in plans for name, reason in planned.left_out.items()}):
         typer.echo(f"pcdbench: {line}", err=True)
@@ -133,7 +133,7 @@ def _place_for_cells(
     return dask_cluster(scheduler, jobs, limits)
 
 
-def _requests(
+def requests_of(
     suite: Path | None,
     completer: str | None,
     task: str | None,

@@ -17,7 +17,7 @@ from pcdbench.plugins import Kind
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor, Failure
 from pcdbench.runner.plan import Cell, case_seed
-from pcdbench.runner.selection import Plugin, select
+from pcdbench.runner.selection import Plugin, select_recorded
 from pcdbench.viewing.shown import Shown, missing_in, shown_clouds
 
 # Positions, colours, distances and marks are ten bytes a point, in base64; the page must stay a page.
@@ -167,9 +167,7 @@ class Remaking:
 
     def _dataset(self, number: int) -> Plugin:
         data = self.board.data[number]
-        return replace(
-            select("dataset", data.dataset, {}, path=self._paths.get(data.dataset)), options=dict(data.options)
-        )
+        return select_recorded("dataset", data.dataset, data.options, path=self._paths.get(data.dataset))
 
     def _executor(self, number: int) -> Executor:
         if number not in self._executors:
@@ -178,10 +176,7 @@ class Remaking:
 
     def _plugin(self, kind: Kind, label: str, name: str, options: Mapping[str, Any]) -> Plugin:
         if (kind, label) not in self._plugins:
-            plugin = replace(select(kind, name, {}), options=dict(options))
-            if plugin.weights is not None:
-                plugin = replace(plugin, weights=plugin.build().weights_digest())
-            self._plugins[kind, label] = plugin
+            self._plugins[kind, label] = select_recorded(kind, name, options)
         return self._plugins[kind, label]
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Set
-from dataclasses import replace
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board import BoardData
-from pcdbench.runner.selection import select
+from pcdbench.runner.selection import select_recorded
 
 
 def seen_in_training(card: Mapping[str, Any] | None, boards_data: Iterable[BoardData]) -> str:
@@ -46,6 +45,6 @@ def _is_of(scene: str, name: str) -> bool:
 def _scenes_of_split(dataset: str, options: Mapping[str, Any], split: str) -> Set[str]:
     """The scenes of another split, which may share some with the board's; none where they cannot be listed."""
     try:
-        return frozenset(replace(select("dataset", dataset, {}), options=options).build().scene_names(split))
+        return frozenset(select_recorded("dataset", dataset, options).build().scene_names(split))
     except PcdbenchError:
         return frozenset()

@@ -195,8 +195,8 @@ def completed(completer: Completer, case: Case, rng: np.random.Generator) -> Com
         raise PluginError(f"the completer returned {type(cloud).__name__}, not a pcdbench.PointCloud")
     if not len(cloud):
         raise PluginError("the completer returned a cloud without points")
-    device = str(getattr(completer, "device", "cpu"))
-    return Completion(cloud, cost.as_json() | {"device": device})
+    costs = {name: value if name in completer.costs else None for name, value in cost.as_json().items()}
+    return Completion(cloud, costs | {"device": str(getattr(completer, "device", "cpu"))})
 
 
 def measured(evaluator: Task, cell: Cell, task: Plugin, case: Case, cloud: PointCloud, cost: Cost) -> Row:

@@ -100,6 +100,17 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         PluginError: where there is none, it cannot be loaded or it breaks its contract.
         PcdbenchError: for an option it does not have or a value it does not take.
     """
+    model = registry().get(kind, name).load().Options
+    return select_recorded(kind, name, _recorded(name, checked_options(name, model, options)), path=path)
+
+
+def select_recorded(kind: Kind, name: str, options: Mapping[str, Any], *, path: str | None = None) -> Plugin:
+    """The plugin of this name with all its options as a row or a board has them, which are not checked.
+
+    Raises:
+        PluginError: as `select` does.
+        PcdbenchError: where a data set takes no path, or a completer does not have its weights.
+    """
     registration = registry().get(kind, name)
     if path is not None and not registration.path:
         raise PcdbenchError(f"data set {name!r} takes no path; leave out :{path}")
@@ -108,7 +119,7 @@ def select(kind: Kind, name: str, options: Mapping[str, str], *, path: str | Non
         kind=kind,
         name=name,
         version=cls.version,
-        options=_recorded(name, checked_options(name, cls.Options, options)),
+        options=dict(options),
         reference=registration.reference,
         code=code_digest(cls),
         path=path,

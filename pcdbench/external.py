@@ -1,0 +1,299 @@
+"""Completers that work outside of this interpreter: a program in an environment of its own, or on another machine."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tempfile
+import weakref
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any, NoReturn
+
+import numpy as np
+from pydantic import Field
+
+from pcdbench import options as plugin_options
+from pcdbench.cloud import PointCloud
+from pcdbench.completer import Completer
+from pcdbench.errors import PcdbenchError, PluginError, Skipped
+from pcdbench.formats import EXTENSIONS
+from pcdbench.keys import digest, file_digest
+
+INCOMPLETE, COMPLETED, SEED = "{incomplete}", "{completed}", "{seed}"
+_DONE, _FAILED, _SKIPPED = "done", "failed: ", "skipped: "
+# They tell of this interpreter, and mislead another one.
+_PYTHON_VARIABLES = ("PYTHONPATH", "PYTHONHOME", "PYTHONSAFEPATH", "VIRTUAL_ENV")
+_SEEDS = 2**31  # what every library takes
+_ENDING_SECONDS = 3.0
+_TAG_DIGITS = 16
+_TAG = re.compile(rf"-([0-9a-f]{{{_TAG_DIGITS}}})(?![0-9a-f])")
+
+
+class CommandCompleter(Completer):
+    """A completer that is a program: it reads the incomplete cloud from a file and writes the completed one to another.
+
+    The program needs neither pcdbench nor this Python. Subclass it and say which program it is::
+
+        class Mine(pcdbench.CommandCompleter):
+            command = ("/opt/envs/mine/bin/python", "/opt/mine/complete.py", "{incomplete}", "{completed}")
+
+    A command with `{completed}` in it is started for each cloud. One without is started once a worker, so that it
+    loads its network once, and told of each cloud by a line on its standard input: the two files and the seed, with
+    tabs between. It answers by a line on its standard output: `done`, `skipped: REASON` or `failed: REASON`; other
+    lines are passed over. What is started for each cloud may say `skipped: REASON` in its last line.
+
+    It runs in a folder of its own, with as many threads as this process has (`OMP_NUM_THREADS`).
+
+    Attributes:
+        command: program and arguments, in one text or several; `{incomplete}`, `{completed}` and `{seed}` stand for
+            the two files and a number that decides every random draw.
+        files: what the output depends on, the program's scripts and weights: results of other bytes are not reused.
+        suffix: the format of both files; of those that `PointCloud.read` takes `.npz` alone is exact in colours.
+    """
+
+    command: str | Sequence[str] = ()
+    files: Sequence[str | Path] = ()
+    suffix: str = ".ply"
+    # How much memory another process takes is not known here.
+    costs = ("seconds",)
+
+    def __init__(self, options: plugin_options.Options | None = None) -> None:
+        super().__init__(options)
+        self._program: _Program | None = None
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        command = shlex.split(self.command) if isinstance(self.command, str) else list(self.command)
+        if not command:
+            raise PluginError(f"{type(self).__name__} names no program; set its `command`")
+        seed = str(int(rng.integers(_SEEDS)))
+        with tempfile.TemporaryDirectory(prefix="pcdbench-") as folder:
+            incomplete, completed = (str(Path(folder) / f"{name}{self.suffix}") for name in ("incomplete", "completed"))
+            cloud.write(incomplete)
+            if any(COMPLETED in part for part in command):
+                values = {INCOMPLETE: incomplete, COMPLETED: completed, SEED: seed}
+                _run([_filled(part, values) for part in command], folder)
+            else:
+                if self._program is None:
+                    self._program = _Program(command)
+                self._program.ask(incomplete, completed, seed)
+            if not os.path.isfile(completed):
+                raise PluginError(f"{command[0]} says that it is done, and wrote no {Path(completed).name}")
+            return PointCloud.read(completed)
+
+    def weights_digest(self) -> str | None:
+        """That of `files`, or None where none are named."""
+        try:
+            return digest([file_digest(Path(file)) for file in self.files]) if self.files else None
+        except OSError as error:
+            raise PcdbenchError(
+                f"{error.filename}, of {type(self).__name__}, cannot be read ({error.strerror}); check its `files`"
+            ) from None
+
+
+class FolderCompleter(Completer):
+    """A completer whose clouds were completed elsewhere, and lie in a folder.
+
+    `pcdbench data export` writes the incomplete clouds of an experiment. Each is completed, by whatever and wherever,
+    into a file of the same name (more may stand before or after it, and the format may be another one), and a run
+    takes them from `folder`. Names hold a digest of the incomplete cloud, so that none is taken for another's. What
+    completing cost is not known here, and left open.
+    """
+
+    class Options(plugin_options.Options):
+        """Where the completed clouds are."""
+
+        folder: str = Field("", description="the completed clouds, named as pcdbench data export named the incomplete")
+
+    options: Options
+    costs = ()
+
+    def __init__(self, options: Options | None = None) -> None:
+        super().__init__(options)
+        self._completed = _by_tag(type(self).__name__, self.options.folder)
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        tag = cloud_tag(cloud)
+        path = self._completed.get(tag)
+        if path is None:
+            raise PcdbenchError(
+                f"{self.options.folder} has no file with {tag} in its name, the digest of this incomplete cloud; "
+                "complete it, or export the clouds of this run (pcdbench data export)"
+            )
+        return PointCloud.read(path)
+
+    def weights_digest(self) -> str | None:
+        """That of all completed clouds: when one of them changes, or another comes, they are measured anew."""
+        return digest([[tag, file_digest(path)] for tag, path in sorted(self._completed.items())])
+
+
+def cloud_tag(cloud: PointCloud) -> str:
+    """The first 16 digits of the SHA-256 of a cloud's coordinates and colours, to the last bit."""
+    hashed = hashlib.sha256(cloud.points.astype("<f8").tobytes())
+    if cloud.colors is not None:
+        hashed.update(cloud.colors.astype("<f4").tobytes())
+    return hashed.hexdigest()[:_TAG_DIGITS]
+
+
+def _by_tag(who: str, folder: str) -> Mapping[str, Path]:
+    """The files of a folder by the digest in their names."""
+    if not folder:
+        raise PcdbenchError(
+            f"{who} needs the folder with its completed clouds: --option NAME.folder=DIR (see pcdbench data export)"
+        )
+    found: dict[str, Path] = {}
+    try:
+        paths = sorted(Path(os.path.expanduser(folder)).iterdir())
+    except OSError as error:
+        raise PcdbenchError(f"the completed clouds of {who} are not at {folder} ({error.strerror})") from None
+    for path in paths:
+        tags = _TAG.findall(path.name)
+        if not tags or path.suffix.lower() not in EXTENSIONS:
+            continue
+        if tags[-1] in found:
+            raise PcdbenchError(f"{path} and {found[tags[-1]].name} are of the same incomplete cloud; keep one of them")
+        found[tags[-1]] = path
+    if not found:
+        raise PcdbenchError(
+            f"no cloud in {folder} is named as pcdbench data export names them (…-{'0' * _TAG_DIGITS}.ply)"
+        )
+    return found
+
+
+def _filled(part: str, values: Mapping[str, str]) -> str:
+    for name, value in values.items():
+        part = part.replace(name, value)
+    return part
+
+
+def _environment() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name not in _PYTHON_VARIABLES}
+
+
+def _run(command: Sequence[str], folder: str) -> None:
+    """Run a program to its end; what it prints goes to standard error.
+
+    Raises:
+        Skipped: where it says so in its last line.
+        PluginError: where it cannot be started or does not end well.
+    """
+    try:
+        ended = subprocess.run(
+            command, cwd=folder, env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, errors="replace", check=False,
+        )  # fmt: skip
+    except (OSError, ValueError) as error:
+        _not_started(command, error)
+    sys.stderr.write(ended.stdout)
+    last = _last_line(ended.stdout)
+    if last.startswith(_SKIPPED):
+        raise Skipped(last.removeprefix(_SKIPPED))
+    if ended.returncode:
+        raise PluginError(f"{command[0]} {_ending(ended.returncode)}: {last or 'it printed nothing'}")
+
+
+class _Program:
+    """A program that is told of cloud after cloud, and started again where it has ended."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._command = command
+        self._process: subprocess.Popen[str] | None = None
+        self._errors: IO[str]
+
+    def ask(self, incomplete: str, completed: str, seed: str) -> None:
+        """Have a cloud completed.
+
+        Raises:
+            Skipped, PluginError: as it answers, or where it ends instead or cannot be started.
+        """
+        process = self._process or self._started()
+        # What it said of clouds before this one explains nothing.
+        self._errors.truncate(0)
+        try:
+            answer = _answer(process, f"{incomplete}\t{completed}\t{seed}\n")
+        except BaseException:
+            # Its answer would be taken for that to the next cloud.
+            self._end()
+            raise
+        self._errors.seek(0)
+        said = self._errors.read()
+        sys.stderr.write(said)
+        if answer is None:
+            code = self._end()
+            raise PluginError(
+                f"{self._command[0]} {_ending(code)} before it answered: {_last_line(said) or 'it said nothing'}"
+            )
+        if answer.startswith(_SKIPPED):
+            raise Skipped(answer.removeprefix(_SKIPPED))
+        if answer.startswith(_FAILED):
+            raise PluginError(f"{self._command[0]} failed: {answer.removeprefix(_FAILED)}")
+
+    def _started(self) -> subprocess.Popen[str]:
+        # Appended to, so that it can be cleared while the program writes to it.
+        self._errors = tempfile.TemporaryFile("a+", errors="replace")  # noqa: SIM115
+        folder = tempfile.TemporaryDirectory(prefix="pcdbench-")
+        try:
+            process = subprocess.Popen(
+                self._command, cwd=folder.name, env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                stderr=self._errors, text=True, errors="replace",
+            )  # fmt: skip
+        except (OSError, ValueError) as error:
+            _not_started(self._command, error)
+        self._process = process
+        self._finalize = weakref.finalize(self, _end_process, process, folder)
+        return process
+
+    def _end(self) -> int:
+        """The exit code of the program, which is killed if need be."""
+        assert self._process is not None
+        process, self._process = self._process, None
+        self._finalize()
+        return process.returncode
+
+
+def _answer(process: subprocess.Popen[str], question: str) -> str | None:
+    """The line that answers; None where the program ends instead."""
+    assert process.stdin is not None and process.stdout is not None
+    try:
+        process.stdin.write(question)
+        process.stdin.flush()
+    except BrokenPipeError:
+        return None
+    for line in process.stdout:
+        answer = line.strip()
+        if answer == _DONE or answer.startswith((_SKIPPED, _FAILED)):
+            return answer
+        sys.stderr.write(line)
+    return None
+
+
+def _end_process(process: subprocess.Popen[str], folder: Any) -> None:
+    """Let a program end, which has no more to read; kill it where it does not."""
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        with suppress(OSError):
+            pipe.close()
+    try:
+        process.wait(_ENDING_SECONDS)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    folder.cleanup()
+
+
+def _not_started(command: Sequence[str], error: Exception) -> NoReturn:
+    reason = getattr(error, "strerror", None) or error
+    raise PluginError(f"{command[0]} cannot be started ({reason}); check the completer's `command`") from None
+
+
+def _ending(code: int) -> str:
+    return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
+
+
+def _last_line(text: str) -> str:
+    return next((line.strip() for line in reversed(text.splitlines()) if line.strip()), "")

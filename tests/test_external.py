@@ -1,0 +1,388 @@
+"""Completers outside of this interpreter: programs of their own, and clouds that were completed elsewhere."""
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pcdbench import Case, CommandCompleter, FolderCompleter, PcdbenchError, PluginError, PointCloud, Skipped
+from pcdbench.cli import app
+from pcdbench.external import cloud_tag
+from pcdbench.plugins import registry
+from pcdbench.testing import check_completer
+
+# A method as it may lie somewhere: it knows nothing of pcdbench, and files of text are all that it reads.
+METHOD = """
+import os, random, sys
+
+def complete(incomplete, completed, seed):
+    random.seed(int(seed))
+    rows = [line.split() for line in open(incomplete) if line.strip()]
+    turned = [[str(-float(x)), str(-float(y)), str(float(z) + random.random()), *rest] for x, y, z, *rest in rows]
+    with open(completed, "w") as stream:
+        stream.writelines(" ".join(row) + "\\n" for row in rows + turned)
+"""
+ONCE = METHOD + "complete(*sys.argv[1:])\n"
+STAYS = (
+    METHOD
+    + """
+print("loading", os.getpid(), flush=True)
+for line in sys.stdin:
+    complete(*line.rstrip("\\n").split("\\t"))
+    print("done", flush=True)
+"""
+)
+FILES = ("{incomplete}", "{completed}", "{seed}")
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Callable[..., type[CommandCompleter]]:
+    """A completer whose program is this text: `(text, *arguments, **attributes)`."""
+
+    def made(text: str, *arguments: str, **attributes: Any) -> type[CommandCompleter]:
+        path = tmp_path / "method.py"
+        path.write_text(text)
+        own = {"command": (sys.executable, str(path), *arguments), "suffix": ".xyz", **attributes}
+        return type("Mine", (CommandCompleter,), own)
+
+    return made
+
+
+def complete(completer: CommandCompleter | FolderCompleter, cloud: PointCloud, seed: int = 0) -> PointCloud:
+    return completer.complete(cloud, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize(("text", "arguments"), [(ONCE, FILES), (STAYS, ())], ids=["once", "stays"])
+def test_a_program_is_a_completer(program: Callable, cloud: PointCloud, text: str, arguments: tuple[str, ...]) -> None:
+    completed = complete(program(text, *arguments)(), cloud)
+    assert len(completed) == 200
+    np.testing.assert_allclose(completed.points[:100], cloud.points, atol=1e-5)
+    np.testing.assert_allclose(completed.points[100:, :2], -cloud.points[:, :2], atol=1e-5)
+    assert completed.colors is not None and cloud.colors is not None
+    np.testing.assert_allclose(completed.colors[:100], cloud.colors, atol=1 / 255)
+
+
+@pytest.mark.parametrize(("text", "arguments"), [(ONCE, FILES), (STAYS, ())], ids=["once", "stays"])
+def test_it_keeps_the_contract(program: Callable, text: str, arguments: tuple[str, ...]) -> None:
+    # Turned about the origin, map coordinates would lie far off.
+    about_itself = text.replace("-float(x)", "2 * float(rows[0][0]) - float(x)").replace(
+        "-float(y)", "2 * float(rows[0][1]) - float(y)"
+    )
+    check_completer(program(about_itself, *arguments))
+
+
+def test_what_stays_is_started_once_and_ends_with_its_completer(
+    program: Callable, cloud: PointCloud, capfd: pytest.CaptureFixture[str]
+) -> None:
+    completer = program(STAYS)()
+    for _ in range(3):
+        complete(completer, cloud)
+    (started,) = [line for line in capfd.readouterr().err.splitlines() if line.startswith("loading")]
+    pid = int(started.split()[1])
+    os.kill(pid, 0)
+    del completer
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_the_seed_decides(program: Callable, cloud: PointCloud) -> None:
+    completer = program(ONCE, *FILES)()
+    one, same, other = (complete(completer, cloud, seed).points for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one, same)
+    assert not np.array_equal(one, other)
+
+
+def test_a_command_may_be_one_text(cloud: PointCloud) -> None:
+    class Copies(CommandCompleter):
+        command = "cp '{incomplete}' {completed}"
+
+    np.testing.assert_allclose(complete(Copies(), cloud).points, cloud.points, atol=1e-6)
+
+
+FAILURES = {
+    "raises": ("raise ValueError('no GPU')", FILES, PluginError, "exit code 1: ValueError: no GPU"),
+    "killed": ("import os; os.kill(os.getpid(), 9)", FILES, PluginError, "ended by signal 9: it printed nothing"),
+    "writes nothing": ("print('fine')", FILES, PluginError, "done, and wrote no completed.xyz"),
+    "skips": ("print('skipped: too few points')", FILES, Skipped, "^too few points$"),
+    "ends": ("import sys; sys.stdin.readline(); 1 / 0", (), PluginError, "1 before it answered: ZeroDivisionError"),
+    "never reads": ("1 / 0", (), PluginError, "1 before it answered: ZeroDivisionError"),
+    "fails": ("input(); print('failed: no GPU')", (), PluginError, "failed: no GPU"),
+    "skips, staying": ("input(); print('skipped: too few')", (), Skipped, "^too few$"),
+    "lies": ("input(); print('done')", (), PluginError, "done, and wrote no completed.xyz"),
+}
+
+
+@pytest.mark.parametrize(("text", "arguments", "error", "message"), FAILURES.values(), ids=FAILURES)
+def test_what_goes_wrong_is_one_line(
+    program: Callable, cloud: PointCloud, text: str, arguments: tuple[str, ...], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message) as raised:
+        complete(program(text, *arguments)(), cloud)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("arguments", [FILES, ()], ids=["once", "stays"])
+def test_a_program_that_is_not_there_is_named(cloud: PointCloud, arguments: tuple[str, ...]) -> None:
+    class Missing(CommandCompleter):
+        command = ("/nowhere/python", *arguments)
+
+    with pytest.raises(PluginError, match=r"/nowhere/python cannot be started .*No such file"):
+        complete(Missing(), cloud)
+
+
+def test_a_completer_without_a_command_says_so(cloud: PointCloud) -> None:
+    with pytest.raises(PluginError, match="CommandCompleter names no program"):
+        complete(CommandCompleter(), cloud)
+
+
+def test_after_one_death_it_is_started_again(program: Callable, cloud: PointCloud) -> None:
+    dies_of_small_clouds = STAYS.replace(
+        "complete(*line", "sum(1 for _ in open(line.split(chr(9))[0])) < 10 and 1 / 0; complete(*line"
+    )
+    completer = program(dies_of_small_clouds)()
+    assert len(complete(completer, cloud)) == 200
+    with pytest.raises(PluginError, match="ZeroDivisionError"):
+        complete(completer, cloud.select(np.arange(5)))
+    assert len(complete(completer, cloud)) == 200
+
+
+def test_what_it_prints_neither_blocks_nor_answers(program: Callable, cloud: PointCloud) -> None:
+    talks = STAYS.replace(
+        "    print(", "    sys.stderr.write('x' * 300_000); sys.stdout.write('all is done\\n' * 30_000)\n    print("
+    )
+    completer = program(talks)()
+    assert len(complete(completer, cloud)) == len(complete(completer, cloud)) == 200
+
+
+def test_an_answer_that_was_not_waited_for_is_not_taken_for_the_next(
+    program: Callable, cloud: PointCloud, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    completer = program(STAYS)()
+    complete(completer, cloud)
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr("pcdbench.external._answer", interrupted)
+        complete(completer, cloud)
+    assert len(complete(completer, cloud)) == 200
+
+
+def test_it_has_our_threads_and_not_our_python(
+    program: Callable, cloud: PointCloud, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", "/ours")
+    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    tells = "import os; raise SystemExit(' '.join([os.environ['OMP_NUM_THREADS'], str(os.environ.get('PYTHONPATH'))]))"
+    with pytest.raises(PluginError, match="exit code 1: 3 None"):
+        complete(program(tells, *FILES)(), cloud)
+
+
+def test_other_files_are_other_weights(program: Callable, tmp_path: Path) -> None:
+    weights = tmp_path / "weights.pt"
+    weights.write_bytes(b"1")
+    completer = program(ONCE, *FILES, files=(str(weights),))()
+    before = completer.weights_digest()
+    assert before == completer.weights_digest() and len(before) == 64
+    weights.write_bytes(b"2")
+    assert completer.weights_digest() != before
+    weights.unlink()
+    with pytest.raises(PcdbenchError, match=r"weights.pt, of Mine, cannot be read .*check its `files`"):
+        completer.weights_digest()
+    assert program(ONCE, *FILES)().weights_digest() is None
+
+
+PLUGIN = """
+import sys
+from pcdbench import Completer, CommandCompleter, FolderCompleter, PointCloud, hookimpl
+
+class Here(Completer):
+    def complete(self, cloud, rng):
+        more = cloud.select(slice(9))
+        return PointCloud.concatenate([cloud, PointCloud(more.points + 0.01, more.colors)])
+
+class Elsewhere(FolderCompleter):
+    pass
+
+class Program(CommandCompleter):
+    command = (sys.executable, {program!r}, "{{incomplete}}", "{{completed}}")
+    suffix = ".npz"
+
+@hookimpl
+def register_completers(register):
+    register("here", "mine:Here", "")
+    register("elsewhere", "mine:Elsewhere", "")
+    register("program", "mine:Program", "")
+"""
+NUMPY_METHOD = """
+import sys
+import numpy as np
+cloud = np.load(sys.argv[1])
+if len(cloud["points"]) < {fewest}:
+    print("too few for me")
+    sys.exit(3)
+steps = {{"points": 0.01, "colors": 0}}
+both = {{name: np.concatenate([cloud[name], cloud[name][:9] + steps[name]]) for name in steps if name in cloud}}
+np.savez(sys.argv[2], **both)
+"""
+
+
+@pytest.fixture
+def mine(tmp_path: Path, tiny_plugins: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A folder to work in, with one method installed three times: here, as a program, and as clouds made elsewhere."""
+    folder = tmp_path / "site"
+    (folder / "mine-1.0.dist-info").mkdir(parents=True)
+    (folder / "mine-1.0.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: mine\nVersion: 1.0\n")
+    (folder / "mine-1.0.dist-info" / "entry_points.txt").write_text("[pcdbench]\nmine = mine\n")
+    (folder / "mine.py").write_text(PLUGIN.format(program=str(tmp_path / "method.py")))
+    (tmp_path / "method.py").write_text(NUMPY_METHOD.format(fewest=0))
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
+    monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    registry.cache_clear()
+    yield tmp_path
+    registry.cache_clear()
+    sys.modules.pop("mine", None)
+
+
+def command(*arguments: str, code: int = 0) -> Any:
+    ended = CliRunner().invoke(app, arguments)
+    assert ended.exit_code == code, (ended.stdout, ended.stderr, ended.exception)
+    return ended
+
+
+CASES = ("--dataset", "tiny", "--incompleteness", "slab", "--level", "0.3,0.5")
+
+
+def run(name: str, *options: str, code: int = 0) -> list[dict[str, Any]]:
+    """The rows of a run of one completer."""
+    out = f"runs/{name}-{time.monotonic_ns()}"
+    command("run", "--completer", name, "--task", "tiny_gap", *CASES, "--jobs", "1", "--out", out, *options, code=code)
+    rows = [json.loads(line) for line in Path(out, "rows.jsonl").read_text().splitlines()]
+    return [row for row in rows if row["completer"]["name"] == name]
+
+
+def measured(rows: list[dict[str, Any]]) -> dict[Any, float]:
+    """What was measured of each case."""
+    return {(row["scene"], row["level"]): row["metrics"]["gap_m"]["samples"][0] for row in rows}
+
+
+def test_the_same_method_elsewhere_is_measured_the_same(mine: Path) -> None:
+    command("data", "export", *CASES, "--out", "inc", "--format", "npz")
+    (mine / "done").mkdir()
+    for path in (mine / "inc").iterdir():
+        inc = PointCloud.read(path)
+        more = inc.select(np.arange(9))
+        more = PointCloud(more.points + 0.01, more.colors)
+        PointCloud.concatenate([inc, more]).write(mine / "done" / f"out_{path.stem}_final.ply")
+    here = run("here")
+    assert len(here) > 2 and {row["status"] for row in here} == {"ok"}
+    # To what files keep of coordinates.
+    same = pytest.approx(measured(here), rel=1e-4)
+    assert measured(run("program")) == same
+    elsewhere = run("elsewhere", "--option", "elsewhere.folder=done")
+    assert measured(elsewhere) == same
+    assert {row["completing"]["seconds"] for row in elsewhere} == {None}
+    assert {row["completing"]["peak_memory_mb"] for row in elsewhere} == {None}
+    shown = command("leaderboard", "build", *map(str, sorted(mine.glob("runs/*"))), "-o", "board")
+    assert "without clouds" not in shown.stderr
+    lines = [
+        line for line in (mine / "board" / "README.md").read_text().splitlines() if line.startswith("| elsewhere |")
+    ]
+    assert lines and all(line.endswith("|  |  |  |") for line in lines)
+
+
+def test_a_program_costs_its_seconds(mine: Path) -> None:
+    rows = run("program")
+    assert all(row["completing"]["seconds"] > 0.01 and row["completing"]["peak_memory_mb"] is None for row in rows)
+
+
+def test_what_a_program_prints_is_with_its_failed_row(mine: Path) -> None:
+    (mine / "method.py").write_text(NUMPY_METHOD.format(fewest=10**6))
+    rows = run("program", code=3)
+    assert {row["status"] for row in rows} == {"failed"}
+    assert all("ended with exit code 3: too few for me" in row["error"] for row in rows)
+
+
+def test_a_cloud_that_is_missing_fails_alone(mine: Path) -> None:
+    command("data", "export", *CASES, "--out", "inc")
+    first, *_ = sorted((mine / "inc").iterdir())
+    tag = cloud_tag(PointCloud.read(first)) if first.suffix == ".npz" else first.stem[-16:]
+    first.rename(mine / "aside.ply")
+    rows = run("elsewhere", "--option", "elsewhere.folder=inc", code=3)
+    (failed,) = [row for row in rows if row["status"] != "ok"]
+    assert f"inc has no file with {tag} in its name" in failed["error"]
+    (mine / "aside.ply").rename(first)
+    assert {row["status"] for row in run("elsewhere", "--option", "elsewhere.folder=inc")} == {"ok"}
+
+
+def test_other_clouds_in_the_folder_are_measured_anew(mine: Path) -> None:
+    command("data", "export", *CASES, "--out", "inc")
+    first = run("elsewhere", "--option", "elsewhere.folder=inc")
+    changed = next((mine / "inc").iterdir())
+    inc = PointCloud.read(changed)
+    inc.select(np.arange(len(inc) // 2)).write(changed)
+    assert measured(run("elsewhere", "--option", "elsewhere.folder=inc")) != measured(first)
+
+
+def test_an_export_is_as_large_as_its_run_and_written_once(mine: Path) -> None:
+    assert "6 incomplete clouds, 6 of them new" in command("data", "export", *CASES, "--out", "inc").stdout
+    names = sorted(path.name for path in (mine / "inc").iterdir())
+    assert all(name.endswith(".ply") for name in names) and sum("-slab-0.3-" in name for name in names) == 3
+    times = [path.stat().st_mtime_ns for path in sorted((mine / "inc").iterdir())]
+    assert "6 incomplete clouds, 0 of them new" in command("data", "export", *CASES, "--out", "inc").stdout
+    assert times == [path.stat().st_mtime_ns for path in sorted((mine / "inc").iterdir())]
+    command("data", "export", *CASES, "--seed", "1", "--out", "inc")
+    assert len(list((mine / "inc").iterdir())) == 12
+
+
+def test_an_export_takes_the_suite_whose_completer_has_no_clouds_yet(mine: Path) -> None:
+    (mine / "suite.toml").write_text(
+        'dataset = "tiny"\nincompletenesses = ["slab"]\nlevels = [0.3, 0.5]\ntasks = ["tiny_gap"]\nseeds = [0, 1]\n'
+        'completers = [{name = "elsewhere", options = {folder = "done"}}]\n'
+    )
+    assert "12 incomplete clouds" in command("data", "export", "suite.toml", "--out", "done").stdout
+    command("run", "suite.toml", "--out", "runs/suite", "--jobs", "1")
+    command("data", "export", "suite.toml", "--seed", "1", code=2)
+
+
+def test_a_case_that_cannot_be_made_is_told_and_the_others_are_written(mine: Path) -> None:
+    (mine / "scans").mkdir()
+    rng = np.random.default_rng(0)
+    PointCloud(rng.random((2000, 3))).write(mine / "scans" / "good.ply")
+    (mine / "scans" / "cut.ply").write_bytes((mine / "scans" / "good.ply").read_bytes()[:-100])
+    ended = command("data", "export", "--dataset", "clouds:scans", "--level", "0.3", "--out", "inc", code=3)
+    assert "pcdbench: cut at level 0.3: " in ended.stderr and "1 incomplete clouds, 1 of them new" in ended.stdout
+    (path,) = (mine / "inc").iterdir()
+    assert path.name.startswith("good-holes-0.3-") and len(PointCloud.read(path)) == 1400
+
+
+WRONG_FOLDERS = {
+    "none named": ("", "FolderCompleter needs the folder"),
+    "not there": ("nowhere", "are not at nowhere .*No such file"),
+    "empty": ("empty", "no cloud in empty is named as pcdbench data export"),
+    "twice": ("twice", "are of the same incomplete cloud; keep one"),
+}
+
+
+@pytest.mark.parametrize(("folder", "message"), WRONG_FOLDERS.values(), ids=WRONG_FOLDERS)
+def test_a_folder_that_cannot_be_used_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, half_room: Case, folder: str, message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "notes-0123456789abcdef.md").write_text("")
+    for name in "ab":
+        half_room.cloud.write(tmp_path / "twice" / f"{name}-{cloud_tag(half_room.cloud)}.ply")
+    with pytest.raises(PcdbenchError, match=message) as raised:
+        FolderCompleter(FolderCompleter.Options(folder=folder))
+    assert len(str(raised.value).splitlines()) == 1
