@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from itertools import product
 from typing import Any
 
 import torch
@@ -35,6 +36,24 @@ class ConvBlock(nn.Sequential):
         )
 
 
+class UpBlock(ConvBlock):
+    """A block over a level and the coarser one below, each of whose voxels stands for 2 x 2 x 2."""
+
+    def __init__(self, below: int, channels: int) -> None:
+        super().__init__(below + channels, channels)
+        self.below = below
+
+    def forward(self, below: Tensor, skip: Tensor) -> Tensor:  # type: ignore[override]
+        """(B, `below`, X / 2, Y / 2, Z / 2), sizes rounded up, and (B, `channels`, X, Y, Z) to the latter's shape."""
+        return super().forward(torch.cat([copies(below, skip), skip], dim=1))
+
+
+def copies(below: Tensor, like: Tensor) -> Tensor:
+    """Each voxel as 2 x 2 x 2 copies, cut to the size of the level above, `like`."""
+    x, y, z = like.shape[2:]
+    return F.interpolate(below, scale_factor=2, mode="nearest")[..., :x, :y, :z]
+
+
 class VoxelUNet(nn.Module):
     """Occupancy, offset and colour of every sub-voxel from what was observed in the voxels around it."""
 
@@ -44,8 +63,7 @@ class VoxelUNet(nn.Module):
             ConvBlock(before, after) for before, after in zip((CHANNELS, *widths[:-1]), widths, strict=True)
         )
         self.pool = nn.MaxPool3d(2, ceil_mode=True)
-        self.up = nn.ModuleList(ConvBlock(below + at, at) for below, at in zip(widths[1:], widths[:-1], strict=True))
-        self.grow = nn.Upsample(scale_factor=2, mode="nearest")
+        self.up = nn.ModuleList(UpBlock(below, at) for below, at in zip(widths[1:], widths[:-1], strict=True))
         self.head = nn.Conv3d(widths[0], 8 * OUTPUTS, 1)
         # Almost all sub-voxels are empty: starting from there saves the first hundreds of steps.
         with torch.no_grad():
@@ -73,9 +91,7 @@ class VoxelUNet(nn.Module):
             x = block(x if level == 0 else self.pool(x))
             skips.append(x)
         for level in reversed(range(len(self.up))):
-            skip = skips[level]
-            x = self.grow(x)[..., : skip.shape[2], : skip.shape[3], : skip.shape[4]]
-            x = self.up[level](torch.cat([x, skip], dim=1))
+            x = self.up[level](x, skips[level])
         return x
 
     def occupancy(self, trunk: Tensor) -> Tensor:
@@ -110,6 +126,44 @@ class OneDnnConv(nn.Conv3d):
         return torch.mkldnn_convolution(x, self.weight, self.bias, self.padding, *strides)
 
 
+class FastUpBlock(nn.Module):
+    """What an `UpBlock` without BatchNorm gives, to rounding; the copies of coarse voxels are never made.
+
+    A 3 x 3 x 3 convolution over copies reads each of eight coarse voxels up to eight times. It is a transposed
+    convolution of the coarse ones, whose weights are sums of its own: 8 products a voxel for 27.
+    """
+
+    def __init__(self, block: UpBlock) -> None:
+        super().__init__()
+        weight, bias = block[0].get_parameter("weight").detach(), block[0].get_parameter("bias").detach()
+        of_below, of_skip = weight[:, : block.below], weight[:, block.below :]
+        # Copy a (0 or 1) of a coarse voxel, read by tap i, adds to place a - i + 2 of the four that the voxel reaches.
+        reach = torch.zeros(4, 3)
+        for a, i in product((0, 1), range(3)):
+            reach[a - i + 2, i] = 1
+        with torch.device("meta"):  # no weights of their own, which would be drawn from torch's generator
+            self.of_below = nn.ConvTranspose3d(block.below, len(weight), 4, stride=2, padding=1, bias=False)
+            self.of_copies = nn.Conv3d(block.below, len(weight), 3, padding=1, bias=False)
+            self.of_skip = nn.Conv3d(of_skip.shape[1], len(weight), 3, padding=1)
+        self.of_below.weight = nn.Parameter(torch.einsum("ocxyz,ix,jy,kz->coijk", of_below, reach, reach, reach))
+        self.of_copies.weight = nn.Parameter(of_below)
+        self.of_skip.weight, self.of_skip.bias = nn.Parameter(of_skip), nn.Parameter(bias)
+        self.rest = nn.Sequential(*list(block)[1:])
+
+    def forward(self, below: Tensor, skip: Tensor) -> Tensor:
+        """As that of `UpBlock`."""
+        x, y, z = skip.shape[2:]
+        added = self.of_below(below)[..., :x, :y, :z]
+        for axis in (2, 3, 4):
+            fine, coarse = skip.shape[axis], below.shape[axis]
+            if fine < 2 * coarse:
+                # The second copy of the last coarse voxel is cut off, and must not be read by the last fine one.
+                few, ends = min(2, coarse), min(3, fine)
+                copied = copies(below.narrow(axis, coarse - few, few), skip.narrow(axis, fine - ends, ends))
+                added.select(axis, -1).copy_(self.of_copies(copied).select(axis, -1))
+        return self.rest(self.of_skip(skip).add_(added))
+
+
 def for_inference(network: VoxelUNet) -> VoxelUNet:
     """A copy with the same outputs (to rounding) that answers in a fraction of the time on a CPU, not to be trained."""
     network = copy.deepcopy(network).eval()
@@ -117,6 +171,8 @@ def for_inference(network: VoxelUNet) -> VoxelUNet:
         for at in (0, 3):
             block[at] = fuse_conv_bn_eval(block[at], block[at + 1])
             block[at + 1], block[at + 2] = nn.Identity(), nn.SiLU(inplace=True)
+    network.up = nn.ModuleList(FastUpBlock(block) for block in network.up if isinstance(block, UpBlock))
+    network.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
     if torch.backends.mkldnn.is_available():
         for module in network.modules():
             if type(module) is nn.Conv3d:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from pcdbench.external import cloud_tag
 from pcdbench.incompleteness import MEASURED
+from pcdbench.paths import file_name
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor, Failure
 from pcdbench.runner.plan import Cell, Plan
-
-_UNSAFE = re.compile(r"[^A-Za-z0-9._+]+")
-_LONGEST_SCENE = 100
 
 
 @dataclass(frozen=True)
@@ -53,9 +50,8 @@ def exported(of: Iterable[tuple[Plan, Cell]], folder: Path, extension: str) -> I
         except Failure as failure:
             yield Exported(cell, None, problem=failure.error)
             continue
-        scene = _UNSAFE.sub("_", cell.scene)[:_LONGEST_SCENE]
         level = [] if cell.level == MEASURED else [f"{cell.level:g}"]
-        name = "-".join([scene, cell.incompleteness.name, *level, cloud_tag(case.cloud)])
+        name = "-".join([file_name(cell.scene), cell.incompleteness.name, *level, cloud_tag(case.cloud)])
         path = folder / f"{name}.{extension}"
         new = not path.is_file()
         if new:

@@ -21,7 +21,7 @@ from pcdbench_completers.voxel_unet.completer import (
     unobserved,
 )
 from pcdbench_completers.voxel_unet.grid import CHANNELS, Grid, network_input, sub_voxel_means
-from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, placed, split_voxels
+from pcdbench_completers.voxel_unet.network import OUTPUTS, VoxelUNet, for_inference, placed, split_voxels
 from pcdbench_completers.voxel_unet.tiles import Prediction
 from pcdbench_completers.voxel_unet.trainee import VoxelUNetTrainee
 from scipy.spatial import cKDTree
@@ -118,6 +118,21 @@ def test_its_answers_can_be_asked_for_one_by_one() -> None:
         assert torch.allclose(network.occupancy(trunk), whole[0], atol=1e-5)
         for one, other in zip(network.details(trunk, at), (offsets, colors), strict=True):
             assert torch.allclose(one, other, atol=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(16, 32, 16), (13, 9, 7), (17, 16, 5), (33, 2, 1), (1, 1, 1)])
+def test_the_network_that_answers_is_the_one_that_learned(shape: tuple[int, int, int]) -> None:
+    """Sizes that halve to odd ones, where coarse voxels are cut in two; statistics of another network, all alike."""
+    torch.manual_seed(0)
+    network = VoxelUNet().eval()
+    for name, values in network.named_buffers():
+        if name.endswith(("running_mean", "running_var")):
+            values.uniform_(0.5, 1.5)
+    features = torch.randn(1, CHANNELS, *shape)
+    with torch.inference_mode():
+        learned, answers = network.trunk(features), for_inference(network).trunk(features)
+    assert answers.shape == (1, 16, *shape)
+    torch.testing.assert_close(answers, learned, atol=1e-5 * float(learned.abs().max()), rtol=0)
 
 
 def test_weights_of_before_the_prism_was_known_answer_as_they_did() -> None:
