@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 from pcdbench import Case, CommandCompleter, FolderCompleter, PcdbenchError, PluginError, PointCloud, Skipped
 from pcdbench.cli import app
 from pcdbench.external import cloud_tag
+from pcdbench.leaderboard.board_file import read_board
+from pcdbench.leaderboard.page_data import page_payload
 from pcdbench.plugins import registry
 from pcdbench.testing import check_completer
 
@@ -299,6 +301,10 @@ def test_the_same_method_elsewhere_is_measured_the_same(mine: Path) -> None:
         line for line in (mine / "board" / "README.md").read_text().splitlines() if line.startswith("| elsewhere |")
     ]
     assert lines and all(line.endswith("|  |  |  |") for line in lines)
+    board = read_board(mine / "board")
+    assert board.completed_elsewhere == {"elsewhere"}
+    assert "elsewhere was completed elsewhere" in (mine / "board" / "README.md").read_text()
+    assert [its["name"] for its in page_payload(board)["completers"] if its["flags"]] == ["elsewhere"]
 
 
 def test_a_program_costs_its_seconds(mine: Path) -> None:

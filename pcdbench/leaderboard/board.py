@@ -271,6 +271,13 @@ class Board:
         """Tasks by name."""
         return {task.name: task for task in self.tasks}
 
+    @cached_property
+    def completed_elsewhere(self) -> frozenset[str]:
+        """The labels of completers whose clouds were handed to the runs: what completing cost is known of none."""
+        measured = [cell for cell in self.cells if any(its.status == "ok" for its in cell.results.values())]
+        known = {cell.completer for cell in measured if cell.seconds is not None}
+        return frozenset(cell.completer for cell in measured if not self.completer_of[cell.completer].reference) - known
+
     def unmeasured(self) -> Counter[tuple[Status, str, str, str]]:
         """How many results have no measurements, by (status, completer, task, reason)."""
         return Counter(

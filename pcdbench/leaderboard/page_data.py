@@ -93,7 +93,7 @@ def page_payload(board: Board) -> dict[str, Any]:
             for task in board.tasks
             for its in _metrics(task)
         ],
-        "completers": [_completer(completer) for completer in board.completers],
+        "completers": [_completer(board, completer) for completer in board.completers],
         **_standings(board, index),
         **_cells(board, index),
     }
@@ -141,7 +141,7 @@ def _data_labels(data: Sequence[BoardData]) -> list[str]:
     return [f"{its.dataset} {its.version} {its.split} ({number})" for number, its in enumerate(data, 1)]
 
 
-def _completer(completer: BoardCompleter) -> dict[str, Any]:
+def _completer(board: Board, completer: BoardCompleter) -> dict[str, Any]:
     facts = [["version", completer.version]]
     facts += [[name, str(value)] for name, value in sorted(completer.options.items())]
     if completer.weights:
@@ -149,6 +149,8 @@ def _completer(completer: BoardCompleter) -> dict[str, Any]:
     flags = []
     if completer.saw_test:
         flags.append({"text": "saw test scenes", "why": completer.saw_test})
+    if completer.label in board.completed_elsewhere:
+        flags.append({"text": "completed elsewhere", "why": "how its clouds were made, and at what cost, is not known"})
     role = _ROLES.get(completer.name, "reference") if completer.reference else None
     return {"name": completer.label, "role": role, "facts": facts, "flags": flags}
 
