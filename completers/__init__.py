@@ -11,7 +11,7 @@ _HERE = Path(__file__).parent
 def register_completers(register: Register) -> None:
     here = "pcdbench_completers"
     register("incomplete", f"{here}.reference:Incomplete", "does nothing: the floor", reference=True)
-    register("ground_truth", f"{here}.reference:GroundTruth", "the complete cloud: the oracle", reference=True)
+    register("ground_truth", f"{here}.reference:GroundTruth", "the complete cloud itself: the truth", reference=True)
     register(
         "resample",
         f"{here}.reference:Resample",
@@ -36,7 +36,7 @@ def register_completers(register: Register) -> None:
     register(
         "deeppcd_merged",
         f"{here}.deeppcd.completer:DeepPCDMerged",
-        "what was observed, and DeepPCD's points where nothing was",
+        "the observed points, and DeepPCD's where nothing was observed",
         weights=deeppcd,
     )
     for name, target in (("pcn", "PCN"), ("foldingnet", "FoldingNet")):

@@ -15,7 +15,7 @@ def register_datasets(register: Register) -> None:
 
 @hookimpl
 def register_incompletenesses(register: Register) -> None:
-    register("holes", "pcdbench.incompletenesses.holes:Holes", "patches of 3 % around random seeds (published)")
+    register("holes", "pcdbench.incompletenesses.holes:Holes", "patches of 3 % of the points (published)")
     register(
         "short_scan",
         "pcdbench.incompletenesses.short_scan:ShortScan",

@@ -93,7 +93,7 @@ def _options(
 ) -> None:
     """How much does completing an indoor point cloud help what you want to do with it?
 
-    Exit codes: 0 fine, 1 a gate, an audit or a check failed, 2 wrong use, 3 the run had failed cells.
+    Exit codes: 0 fine, 1 a check or an audit failed, 2 wrong use, 3 the run has failed cells.
     """
     thread_count()  # a share that is none is refused before anything runs
 

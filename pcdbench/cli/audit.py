@@ -22,21 +22,22 @@ _SPLIT = "test-small"
 def audit(
     task: Annotated[str, typer.Argument(help="Tasks, separated by commas, or all.")],
     dataset: Annotated[str, typer.Option(help="A data set, NAME or NAME:PATH.")] = "indoor",
-    split: Annotated[str | None, typer.Option(help=f"A split of it, else {_SPLIT} or its default.")] = None,
+    split: Annotated[str | None, typer.Option(help=f"A split of it (unless given: {_SPLIT} or its default).")] = None,
     incompleteness: Annotated[str, typer.Option(help="Ways to take points away, separated by commas.")] = "holes",
     level: Annotated[str, typer.Option(help="Shares of points to take away.")] = "0.1,0.3,0.5",
     seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
-    jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="The run's folder, else runs/ and a name of its own.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The run's folder (unless given: one of its own in runs/).")] = None,
     format: Annotated[Literal["table", "json"], typer.Option(help="How to print the audit.")] = "table",
 ) -> None:
-    """Check that tasks measure something: the references must come out in their order, with a gap.
+    """Check that tasks measure something: each must tell the truth from what is left of it.
 
-    The truth is at least as good as another sample of it, which beats what is left at each level, which
-    gets worse by level; the first and the last are clearly apart. Exit code 1 where this does not hold.
+    The references alone are run. The truth must be at least as good as another sample of it. That sample must be
+    better than what is left at the lowest level, that better than at the next, and so on, and the intervals of the
+    sample and of the highest level must not touch. Exit code 1 where this does not hold.
     """
     from pcdbench.leaderboard.audit import CEILING, FLOOR, TRUTH, audits
     from pcdbench.runner.plan import Request, default_split, plan

@@ -10,10 +10,10 @@ import typer
 def check(
     name: Annotated[str, typer.Argument(help="A completer or a task, from `pcdbench list`.")],
     option: Annotated[
-        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of it (see pcdbench show NAME).")
+        list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the plugin (see pcdbench show NAME).")
     ] = None,
 ) -> None:
-    """Hold a completer or a task to its contract: a line for all that holds, up to the first that does not.
+    """Check that a completer or a task keeps its contract, with a line for each thing that holds.
 
     It is what `pcdbench.testing` checks, with these options. Exit code 1 where something does not hold.
     """

@@ -15,16 +15,16 @@ def complete(
     scan: Annotated[
         Path, typer.Argument(metavar="IN", help="The scan: PLY, PCD, XYZ, PTS, TXT, CSV, LAS, LAZ, E57 or NPZ.")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="Where to write; any of these formats.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="OUT", help="The file to write, any of these formats.")],
     completer: Annotated[str, typer.Option(help="A completer from `pcdbench list`.")],
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer (see pcdbench show NAME).")
     ] = None,
     up: Annotated[str, typer.Option(help="The scan's up axis: z, y, x, -z, -y or -x.")] = "z",
     added_only: Annotated[bool, typer.Option("--added-only", help="Write the added points alone.")] = False,
-    report: Annotated[Path | None, typer.Option(help="Write what to scan again into this folder.")] = None,
-    tile_m: Annotated[float | None, typer.Option(help="Edge of a tile in metres, else by density.")] = None,
-    runs: Annotated[int, typer.Option(help="Ask the completer so often; disagreement lowers the confidence.")] = 1,
+    report: Annotated[Path | None, typer.Option(help="Write a report of what to scan again into this folder.")] = None,
+    tile_m: Annotated[float | None, typer.Option(help="Edge of a tile in metres (unless given: by density).")] = None,
+    runs: Annotated[int, typer.Option(help="Ask the completer so often; where answers differ, confidence falls.")] = 1,
     jobs: Annotated[int, typer.Option(help="Worker processes.")] = 1,
     seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
 ) -> None:

@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from pcdbench.dataset import Dataset, Finding
     from pcdbench.runner.plan import Request
 
-app = typer.Typer(no_args_is_help=True, help="Data sets on disk.")
+app = typer.Typer(no_args_is_help=True, help="Check a data set, or write the incomplete clouds of a run as files.")
 
 
 @app.callback()
 def _data() -> None:
-    """Data sets on disk."""
+    """Check a data set, or write the incomplete clouds of a run as files."""
 
 
 @app.command("check")
 def check(
     dataset: Annotated[str, typer.Argument(help="A data set, NAME:PATH.")],
-    split: Annotated[str | None, typer.Option(help="A split of it, else all that it can list.")] = None,
+    split: Annotated[str | None, typer.Option(help="A split of it (unless given: all that it can list).")] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the data set (see pcdbench show NAME).")
     ] = None,
@@ -67,18 +67,18 @@ def check(
 @app.command("export")
 def export(
     suite: Annotated[Path | None, typer.Argument(help="A suite: the TOML file of a run.")] = None,
-    dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH, else indoor.")] = None,
-    split: Annotated[str | None, typer.Option(help="A split of it, else its default.")] = None,
+    dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
+    split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
     incompleteness: Annotated[
-        str | None, typer.Option(help="Ways to take points away, separated by commas, else holes.")
+        str | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Shares of points to take away, else 0.1,0.3,0.5.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Decides every random draw, else 0.")] = None,
+    level: Annotated[str | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")] = None,
+    seed: Annotated[int | None, typer.Option(help="Decides every random draw (unless given: 0).")] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
     ] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="The folder of the clouds.")] = Path("incomplete"),
-    format: Annotated[Literal["ply", "pcd", "xyz", "npz"], typer.Option(help="Of the files.")] = "ply",
+    format: Annotated[Literal["ply", "pcd", "xyz", "npz"], typer.Option(help="The format of the files.")] = "ply",
 ) -> None:
     """Write the incomplete clouds of a run as files, to complete them elsewhere (see pcdbench.FolderCompleter).
 

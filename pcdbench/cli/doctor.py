@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 Format = Literal["text", "json"]
 
 
-def doctor(format: Annotated[Format, typer.Option(help="How to print it.")] = "text") -> None:
-    """Print what an issue report needs, and test every dependency: exit code 1 where something is wrong."""
+def doctor(format: Annotated[Format, typer.Option(help="How to print what it finds.")] = "text") -> None:
+    """Print what an issue report needs, and test every dependency; exit code 1 where something is wrong."""
     from rich.console import Console
 
     from pcdbench.doctor.checks import CHECKS

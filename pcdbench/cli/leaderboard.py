@@ -16,31 +16,31 @@ from pcdbench.cli.bar import with_bar
 if TYPE_CHECKING:
     from pcdbench.leaderboard.board import Board
 
-app = typer.Typer(no_args_is_help=True, help="Leaderboards from runs, and the check that holds changes to them.")
+app = typer.Typer(no_args_is_help=True, help="Build leaderboards from runs, and check changes against them.")
 
 
 @app.callback()
 def _leaderboard() -> None:
-    """Leaderboards from runs, and the check that holds changes to them."""
+    """Build leaderboards from runs, and check changes against them."""
 
 
 @app.command("build")
 def build(
     runs: Annotated[list[Path], typer.Argument(help="Folders of runs, or folders that hold some.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="The board's folder; it is called as the folder is.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The board's folder; its name is the board's.")],
     cases: Annotated[
         int,
         typer.Option(help="Scenes of each data set whose clouds the page holds, at every level; 0 for none.", min=0),
     ] = 1,
     update: Annotated[
-        bool, typer.Option("--update", help="Put the runs' completers into the board that is there; keep the others.")
+        bool, typer.Option("--update", help="Put the runs' completers into the existing board; keep the others.")
     ] = False,
 ) -> None:
     """Merge runs into a leaderboard: leaderboard.json, README.md, index.html, figures, leaderboard.csv and .parquet.
 
-    The runs may be of any machines, in any order. The same cell twice must agree; runs of different versions of
-    data, tasks or incompletenesses do not mix. The clouds of the page are completed again where they are not in
-    the cache; what cannot be is told and left out.
+    The runs may be of any machines, in any order. A cell that is in two runs must agree; runs of different versions
+    of data, tasks or incompletenesses do not mix. The page's clouds are completed again where they are not in the
+    cache; those that cannot be are named and left out.
     """
     from pcdbench.leaderboard.building import board_of_runs
     from pcdbench.leaderboard.case_clouds import clouds_of_page
@@ -67,15 +67,15 @@ app.command("case")(leaderboard_case.case)
 def check(
     board: Annotated[Path, typer.Argument(help="The folder of a board.")],
     run: Annotated[
-        list[Path] | None, typer.Option(help="A run to compare, repeatable; else what the board's suite says is run.")
+        list[Path] | None, typer.Option(help="A run to compare, repeatable (unless given: the board's suite is run).")
     ] = None,
     dataset: Annotated[str | None, typer.Option(help="NAME:PATH: where the data of the board lie here.")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
     out: Annotated[Path | None, typer.Option(help="Keep the run in this folder; it must be new.")] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write the verdict here, as Markdown.")] = None,
     junit: Annotated[Path | None, typer.Option(help="Write the verdict here, as JUnit XML.")] = None,
 ) -> None:
-    """Compare what comes out now with a committed leaderboard.
+    """Check whether anything got worse than on a committed leaderboard.
 
     Prints what got worse, better, slower or is measured otherwise. Exit code 1 on a regression.
     """

@@ -16,13 +16,13 @@ _FEWEST_DIGITS = 6
 
 def case(
     board: Annotated[Path, typer.Argument(help="The folder of a board.")],
-    key: Annotated[str, typer.Argument(help="The first digits of the key of a row, or of a cell.")],
+    key: Annotated[str, typer.Argument(help="Six or more of the first digits of a row's or a cell's key.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The page with the clouds.")] = Path("case.html"),
     dataset: Annotated[str | None, typer.Option(help="NAME:PATH: where the data of the board lie here.")] = None,
 ) -> None:
     """Make a case of a board and all its completions again, measure the row again, and write a page with the clouds.
 
-    Exit code 1 where a number is not what the board says.
+    Exit code 1 where a number differs from the board's.
     """
     from pcdbench.leaderboard.board_file import read_board
     from pcdbench.leaderboard.case_clouds import Remaking

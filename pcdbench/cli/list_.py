@@ -15,7 +15,7 @@ _HEADING: dict[Kind, str] = {
 
 
 def list_plugins() -> None:
-    """List completers, tasks, data sets and incompletenesses, and plugins that are broken or clash."""
+    """List completers, tasks, data sets and incompletenesses, and plugins that cannot be loaded or clash."""
     installed = registry()
     for kind in KINDS:
         typer.echo(_HEADING[kind])

@@ -15,25 +15,23 @@ from pcdbench.errors import PcdbenchError
 def paper(
     publication: Annotated[
         str | None,
-        typer.Argument(help="A completer with a publication.toml in its package, or such a file."),
+        typer.Argument(help="A completer with a publication.toml in its package, or the path of such a file."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Receives runs, weights that are trained, and the page.")] = Path(
-        "runs/paper"
-    ),
-    page: Annotated[Path | None, typer.Option(help="The page, else paper.md in --out.")] = None,
-    dataset: Annotated[str, typer.Option(help="NAME or NAME:PATH.")] = "indoor",
-    split: Annotated[str | None, typer.Option(help="A split of the data set, else its default.")] = None,
+    out: Annotated[Path, typer.Option(help="The folder for runs, trained weights and the page.")] = Path("runs/paper"),
+    page: Annotated[Path | None, typer.Option(help="The page to write (unless given: paper.md in --out).")] = None,
+    dataset: Annotated[str, typer.Option(help="A data set, NAME or NAME:PATH.")] = "indoor",
+    split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
     weights: Annotated[
-        Path | None, typer.Option(help="Holds NAME/weights.safetensors for the ablations that need training.")
+        Path | None, typer.Option(help="A folder with NAME/weights.safetensors for the ablations that need training.")
     ] = None,
     train_steps: Annotated[
-        int | None, typer.Option(min=1, help="Train what --weights does not hold, so many steps each.")
+        int | None, typer.Option(min=1, help="Train what --weights does not hold, each for so many steps.")
     ] = None,
-    train_hours: Annotated[float | None, typer.Option(min=0.0, help="Likewise, so many hours each.")] = None,
+    train_hours: Annotated[float | None, typer.Option(min=0.0, help="The same, each for so many hours.")] = None,
     take_from: Annotated[
-        list[Path] | None, typer.Option(help="A run whose rows count where they are of the same cells; repeatable.")
+        list[Path] | None, typer.Option(help="A run to take rows from where its cells are the same; repeatable.")
     ] = None,
-    jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
 ) -> None:
     """Run a publication's experiments on a data set, and write its tables and figures, ours beside the published.
 

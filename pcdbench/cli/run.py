@@ -40,32 +40,32 @@ def levels(text: str) -> list[float]:
 
 
 def run(
-    suite: Annotated[Path | None, typer.Argument(help="A suite: a TOML file that says all of this.")] = None,
+    suite: Annotated[Path | None, typer.Argument(help="A suite: a TOML file that holds these options.")] = None,
     completer: Annotated[str | None, typer.Option(help="Completers, separated by commas, or all.")] = None,
     task: Annotated[str | None, typer.Option(help="Tasks, separated by commas, or all.")] = None,
-    dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH, else indoor.")] = None,
-    split: Annotated[str | None, typer.Option(help="A split of it, else its default.")] = None,
+    dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
+    split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
     incompleteness: Annotated[
-        str | None, typer.Option(help="Ways to take points away, separated by commas, else holes.")
+        str | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Shares of points to take away, else 0.1,0.3,0.5.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Decides every random draw, else 0.")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Worker processes, else one for each core.")] = None,
-    timeout: Annotated[float, typer.Option(help="Seconds for making, completing or evaluating a case.")] = 600.0,
-    memory_limit: Annotated[float | None, typer.Option(help="GB a worker may hold, else no limit.")] = None,
-    retries: Annotated[int, typer.Option(help="How often a step is tried again whose worker died.")] = 1,
+    level: Annotated[str | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")] = None,
+    seed: Annotated[int | None, typer.Option(help="Decides every random draw (unless given: 0).")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
+    timeout: Annotated[float, typer.Option(help="Seconds for a step: making a case, completing, a task.")] = 600.0,
+    memory_limit: Annotated[float | None, typer.Option(help="GB a worker may hold (unless given: no limit).")] = None,
+    retries: Annotated[int, typer.Option(help="How often a step is tried again when its worker died.")] = 1,
     executor: Annotated[Literal["local", "dask"], typer.Option(help="Where cells run.")] = "local",
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, else Dask starts workers on this machine.")
+        str | None, typer.Option(help="Address of a Dask scheduler (unless given: workers are started here).")
     ] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="The run's folder, else runs/ and a name of its own.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The run's folder (unless given: one of its own in runs/).")] = None,
     format: Annotated[Format, typer.Option(help="How to print the summary.")] = "table",
-    figures: Annotated[bool, typer.Option("--figures", help="Write the figures of the tasks, too.")] = False,
+    figures: Annotated[bool, typer.Option("--figures", help="Also write the figures that the tasks draw.")] = False,
 ) -> None:
-    """Run completers on tasks over a data set, and summarize what comes out.
+    """Run completers and tasks over a data set, and print a summary.
 
     The reference completers are added to every run. The same command takes an interrupted run up again and
     does only what is missing.

@@ -17,15 +17,13 @@ if TYPE_CHECKING:
 
 
 def train(
-    name: Annotated[str, typer.Argument(help="A completer that learns, or a part of it: deeppcd.color.")],
-    out: Annotated[Path, typer.Option(help="Receives checkpoint, weights, model card and curve.")],
-    hours: Annotated[float | None, typer.Option(min=0.0, help="Train this long, over all resumptions.")] = None,
+    name: Annotated[str, typer.Argument(help="A completer that learns, or a part of it (deeppcd.color).")],
+    out: Annotated[Path, typer.Option(help="The folder for checkpoint, weights, model card and curve.")],
+    hours: Annotated[float | None, typer.Option(min=0.0, help="Train this long, all resumptions together.")] = None,
     steps: Annotated[int | None, typer.Option(min=1, help="Train this many steps.")] = None,
-    start: Annotated[
-        Path | None, typer.Option("--from", help="Begin from these weights, of the same network, not from nothing.")
-    ] = None,
+    start: Annotated[Path | None, typer.Option("--from", help="Begin from these weights of the same network.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint in --out.")] = False,
-    preset: Annotated[str, typer.Option(help="How the optimizer goes about it.")] = "default",
+    preset: Annotated[str, typer.Option(help="The optimizer's settings, by name.")] = "default",
     device: Annotated[str, typer.Option(help="auto, cpu or cuda.")] = "auto",
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of the completer, for training and validation.")
@@ -33,7 +31,7 @@ def train(
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Decides the data and the first weights.")] = 0,
     workers: Annotated[int, typer.Option(min=0, max=1024, help="Processes that prepare examples.")] = 1,
 ) -> None:
-    """Train a completer that learns; stop it at any moment, and go on with --resume."""
+    """Train a completer that learns. Stop it at any moment; --resume goes on."""
     from pcdbench.plugins import did_you_mean, registry
     from pcdbench.training.trainee import load_trainee
 

@@ -18,16 +18,14 @@ _ADDED_FIELD, _CONFIDENCE_FIELD = "added", "confidence"
 def view(
     clouds: Annotated[list[Path], typer.Argument(help="Files of clouds in one frame, metres.")],
     out: Annotated[Path, typer.Option("--out", "-o", help="The page to write.")] = Path("view.html"),
-    reference: Annotated[
-        Path | None, typer.Option(help="A cloud; points are coloured by their distance to it, too.")
-    ] = None,
-    points: Annotated[int, typer.Option(help="Show at most so many points of each cloud.")] = 200_000,
+    reference: Annotated[Path | None, typer.Option(help="A cloud to which the others' distances can be shown.")] = None,
+    points: Annotated[int, typer.Option(help="Show at most this many points of each cloud.")] = 200_000,
     up: Annotated[str, typer.Option(help="The clouds' up axis: z, y, x, -z, -y or -x.")] = "z",
 ) -> None:
     """Write a page that shows clouds side by side: turn, move and zoom them together, in any browser, offline.
 
-    Points are coloured by their colour, by what a completer added and with what confidence, by height, by distance to
-    a reference. What was added is what a file's field `added` says, else the points that the first cloud does not have.
+    Points show their colour, what a completer added, how sure it was, their height, or their distance to a reference.
+    What was added is what a file's field `added` says, else the points that the first cloud does not have.
     """
     from pcdbench.viewing.page import require_page
     from pcdbench.viewing.page import view as view_of
