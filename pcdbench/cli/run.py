@@ -40,7 +40,7 @@ def levels(text: str) -> list[float]:
 
 
 def run(
-    suite: Annotated[Path | None, typer.Argument(help="A suite: a TOML file that holds these options.")] = None,
+    suite: Annotated[Path | None, typer.Argument(help="A suite: a TOML file that says what to measure.")] = None,
     completer: Annotated[str | None, typer.Option(help="Completers, separated by commas, or all.")] = None,
     task: Annotated[str | None, typer.Option(help="Tasks, separated by commas, or all.")] = None,
     dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
