@@ -24,6 +24,7 @@ from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError, PluginError, Skipped
 from pcdbench.formats import EXTENSIONS
 from pcdbench.keys import digest, file_digest
+from pcdbench.workers import temporary_folder
 
 INCOMPLETE, COMPLETED, SEED = "{incomplete}", "{completed}", "{seed}"
 _DONE, _FAILED, _SKIPPED = "done", "failed: ", "skipped: "
@@ -72,7 +73,7 @@ class CommandCompleter(Completer):
         if not command:
             raise PluginError(f"{type(self).__name__} names no program; set its `command`")
         seed = str(int(rng.integers(_SEEDS)))
-        with tempfile.TemporaryDirectory(prefix="pcdbench-") as folder:
+        with temporary_folder() as folder:
             incomplete, completed = (str(Path(folder) / f"{name}{self.suffix}") for name in ("incomplete", "completed"))
             cloud.write(incomplete)
             if any(COMPLETED in part for part in command):
@@ -236,7 +237,7 @@ class _Program:
     def _started(self) -> subprocess.Popen[str]:
         # Appended to, so that it can be cleared while the program writes to it.
         self._errors = tempfile.TemporaryFile("a+", errors="replace")  # noqa: SIM115
-        folder = tempfile.TemporaryDirectory(prefix="pcdbench-")
+        folder = temporary_folder()
         try:
             process = subprocess.Popen(
                 self._command, cwd=folder.name, env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,

@@ -9,8 +9,11 @@ import ctypes
 import faulthandler
 import multiprocessing
 import os
+import secrets
+import shutil
 import signal
 import sys
+import tempfile
 import threading
 from multiprocessing.process import BaseProcess
 from typing import NoReturn
@@ -21,15 +24,20 @@ from pcdbench.threads import limit_threads
 _OUT_OF_MEMORY_SCORE = 500
 _LINE_BUFFERED = 1  # _IOLBF of stdio.h, on Linux and macOS
 
+_temporary: str | None = None
 
-def begin_worker(threads: int, output: int | None = None) -> None:
+
+def begin_worker(threads: int, output: int | None = None, temporary: str | None = None) -> None:
     """Set up this process, a spawned worker, before it does anything else.
 
     Args:
         threads: how many it may use.
         output: a file descriptor that takes all that is printed, by native libraries too; standard error
             unless given. Warnings meant for the user go to standard error in any case.
+        temporary: where its temporary folders go (see `temporary_place`).
     """
+    global _temporary
+    _temporary = temporary
     limit_threads(threads)
     if os.environ.get("PYTHONSAFEPATH") == "pcdbench":
         del os.environ["PYTHONSAFEPATH"]
@@ -57,6 +65,30 @@ def take_output(descriptor: int) -> None:
             own = os.fdopen(taken, "w", buffering=1, closefd=False)
             setattr(sys, f"__{name}__", own)
         setattr(sys, name, own)
+
+
+def temporary_place() -> str | None:
+    """A folder for the temporary ones of workers, made when one needs it; whoever started them is to remove it.
+
+    A worker that is killed cannot. None where the system has no place for temporary files.
+    """
+    try:
+        return os.path.join(tempfile.gettempdir(), f"pcdbench-{secrets.token_hex(8)}")
+    except OSError:
+        return None
+
+
+def remove_temporary(place: str | None) -> None:
+    """Remove what workers left in their place for temporary folders, and the place."""
+    if place is not None:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def temporary_folder() -> tempfile.TemporaryDirectory[str]:
+    """A temporary folder; one of a worker's goes with it, however that ends."""
+    if _temporary is not None:
+        os.makedirs(_temporary, mode=0o700, exist_ok=True)
+    return tempfile.TemporaryDirectory(prefix="pcdbench-", dir=_temporary, ignore_cleanup_errors=True)
 
 
 def end_group(pid: int) -> None:
@@ -90,6 +122,7 @@ def end_as_a_group() -> None:
 def _end_with(parent: BaseProcess) -> None:
     """End this process when its parent is gone, killed even."""
     parent.join()
+    remove_temporary(_temporary)
     _end_own_group()
 
 

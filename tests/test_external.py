@@ -1,8 +1,11 @@
 """Completers outside of this interpreter: programs of their own, and clouds that were completed elsewhere."""
 
+import errno
 import json
 import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +15,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import pcdbench
 from pcdbench import Case, CommandCompleter, FolderCompleter, PcdbenchError, PluginError, PointCloud, Skipped
 from pcdbench.cli import app
 from pcdbench.external import cloud_tag
@@ -155,6 +159,16 @@ def test_after_one_death_it_is_started_again(program: Callable, cloud: PointClou
     assert len(complete(completer, cloud)) == 200
 
 
+def test_files_that_cannot_be_removed_cost_no_cloud(
+    program: Callable, cloud: PointCloud, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuses(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOTEMPTY, "Directory not empty")
+
+    monkeypatch.setattr("os.rmdir", refuses)
+    assert len(complete(program(ONCE, *FILES)(), cloud)) == 200
+
+
 def test_what_it_prints_neither_blocks_nor_answers(program: Callable, cloud: PointCloud) -> None:
     talks = STAYS.replace(
         "    print(", "    sys.stderr.write('x' * 300_000); sys.stdout.write('all is done\\n' * 30_000)\n    print("
@@ -218,11 +232,16 @@ class Program(CommandCompleter):
     command = (sys.executable, {program!r}, "{{incomplete}}", "{{completed}}")
     suffix = ".npz"
 
+class Stays(CommandCompleter):
+    command = (sys.executable, {program!r})
+    suffix = ".xyz"
+
 @hookimpl
 def register_completers(register):
     register("here", "mine:Here", "")
     register("elsewhere", "mine:Elsewhere", "")
     register("program", "mine:Program", "")
+    register("stays", "mine:Stays", "")
 """
 NUMPY_METHOD = """
 import sys
@@ -317,6 +336,53 @@ def test_what_a_program_prints_is_with_its_failed_row(mine: Path) -> None:
     rows = run("program", code=3)
     assert {row["status"] for row in rows} == {"failed"}
     assert all("ended with exit code 3: too few for me" in row["error"] for row in rows)
+
+
+@pytest.fixture
+def temporary(mine: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where temporary files go."""
+    folder = mine / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setenv("TMPDIR", str(folder))
+    return folder
+
+
+def test_a_program_that_stays_leaves_no_file(mine: Path, temporary: Path, half_room: Case) -> None:
+    (mine / "method.py").write_text(STAYS)
+    (row,) = run("stays", "--option", "tiny.scenes=1", "--level", "0.3")
+    assert row["status"] == "ok" and not list(temporary.iterdir())
+    pcdbench.complete(half_room.cloud, "stays", jobs=2)
+    assert not list(temporary.iterdir())
+
+
+def test_temporary_folders_of_workers_go_when_their_run_is_killed(tmp_path: Path) -> None:
+    place = tmp_path / "place"
+    (tmp_path / "script.py").write_text(
+        """
+import multiprocessing, sys, time
+from pcdbench.workers import begin_worker, temporary_folder
+
+def work():
+    begin_worker(1, temporary=sys.argv[1])
+    with temporary_folder() as folder:
+        print(folder, flush=True)
+        time.sleep(60)
+
+if __name__ == "__main__":
+    multiprocessing.get_context("spawn").Process(target=work).start()
+    time.sleep(60)
+"""
+    )
+    command = [sys.executable, str(tmp_path / "script.py"), str(place)]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        assert Path(process.stderr.readline().strip()).parent == place and place.is_dir()
+        process.kill()
+    deadline = time.monotonic() + 10
+    while place.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not place.exists()
 
 
 def test_a_cloud_that_is_missing_fails_alone(mine: Path) -> None:

@@ -12,7 +12,7 @@ from pebble import ProcessExpired, ProcessPool
 
 from pcdbench.errors import PcdbenchError, PluginError, told
 from pcdbench.threads import thread_count
-from pcdbench.workers import begin_worker
+from pcdbench.workers import begin_worker, remove_temporary, temporary_place
 
 if TYPE_CHECKING:
     from pcdbench.completer import Completer
@@ -43,7 +43,8 @@ def tile_outcomes(
         yield from _here(tasks, completer)
         return
     context = multiprocessing.get_context("spawn")
-    arguments = (completer, max(1, thread_count() // jobs))
+    temporary = temporary_place()
+    arguments = (completer, max(1, thread_count() // jobs), temporary)
     pool = ProcessPool(jobs, initializer=_begin_worker, initargs=arguments, context=context)
     waiting = iter(tasks)
     running: dict[Future, Index] = {}
@@ -59,6 +60,7 @@ def tile_outcomes(
     finally:
         pool.stop()
         pool.join()
+        remove_temporary(temporary)
 
 
 def _here(tasks: Iterable[tuple[Index, TileTask]], completer: Plugin | Completer) -> Iterator[Outcome]:
@@ -104,9 +106,9 @@ def _built(completer: Plugin | Completer) -> Any:
 _completer: Any = None
 
 
-def _begin_worker(completer: Plugin | Completer, threads: int) -> None:
+def _begin_worker(completer: Plugin | Completer, threads: int, temporary: str | None) -> None:
     global _completer
-    begin_worker(threads)
+    begin_worker(threads, temporary=temporary)
     _completer = completer
 
 

@@ -25,7 +25,7 @@ from pcdbench.runner.jobs import Job, Limits
 from pcdbench.runner.measuring import resident_bytes
 from pcdbench.runner.output import Output, clear, last_lines
 from pcdbench.runner.selection import Plugin
-from pcdbench.workers import begin_worker, end_group, take_output
+from pcdbench.workers import begin_worker, end_group, remove_temporary, take_output, temporary_place
 
 if TYPE_CHECKING:
     from pcdbench.runner.execute import Executor, Step
@@ -91,6 +91,7 @@ class IsolatedWorker:
         self._threads = threads
         self._limits = limits
         self._output = Output()
+        self._temporary = temporary_place()
         self._pool: ProcessPool | None = None
         self._pid = 0
         self._jobs = 0
@@ -138,6 +139,7 @@ class IsolatedWorker:
         self._pid = 0
         pool.stop()
         pool.join()
+        remove_temporary(self._temporary)
 
     def _attempt(self, job: Job) -> Attempt:
         """Do the job step by step until it is done, or the process is dead and gone."""
@@ -169,7 +171,8 @@ class IsolatedWorker:
         return attempt
 
     def _start(self, job: Job) -> Death | None:
-        arguments = (self._dataset, self._threads, self._limits.timeout_seconds, self._output.handle)
+        limit = self._limits.timeout_seconds
+        arguments = (self._dataset, self._threads, limit, self._output.handle, self._temporary)
         self._pool = ProcessPool(1, initializer=_begin, initargs=arguments, context=get_context("spawn"))
         self._jobs = 0
         answer = self._ask(_get_ready, job, timeout_seconds=_STARTING_SECONDS)
@@ -287,9 +290,9 @@ class _Begun:
     pid: int
 
 
-def _begin(dataset: Plugin, threads: int, timeout_seconds: float, output: Connection) -> None:
+def _begin(dataset: Plugin, threads: int, timeout_seconds: float, output: Connection, temporary: str | None) -> None:
     global _begun
-    begin_worker(threads, output.fileno())
+    begin_worker(threads, output.fileno(), temporary)
     folder = os.curdir
     with contextlib.suppress(OSError):  # where it is gone, there is nothing to come back to
         folder = os.getcwd()
