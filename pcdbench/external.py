@@ -5,15 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import selectors
 import shlex
 import subprocess
 import sys
-import tempfile
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, NoReturn
+from typing import IO, Any
 
 import numpy as np
 from pydantic import Field
@@ -24,6 +24,7 @@ from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError, PluginError, Skipped
 from pcdbench.formats import EXTENSIONS
 from pcdbench.keys import digest, file_digest
+from pcdbench.threads import environment, thread_count
 from pcdbench.workers import temporary_folder
 
 INCOMPLETE, COMPLETED, SEED = "{incomplete}", "{completed}", "{seed}"
@@ -32,6 +33,11 @@ _DONE, _FAILED, _SKIPPED = "done", "failed: ", "skipped: "
 _PYTHON_VARIABLES = ("PYTHONPATH", "PYTHONHOME", "PYTHONSAFEPATH", "VIRTUAL_ENV")
 _SEEDS = 2**31  # what every library takes
 _ENDING_SECONDS = 3.0
+_LOOK_EVERY_SECONDS = 0.2
+# As much as a pipe holds: one reading leaves nothing behind that was printed before.
+_PIECE_BYTES = 65_536
+_KEPT_BYTES = 8_000
+_LONGEST_REASON = 500
 _TAG_DIGITS = 16
 _TAG = re.compile(rf"-([0-9a-f]{{{_TAG_DIGITS}}})(?![0-9a-f])")
 
@@ -52,8 +58,8 @@ class CommandCompleter(Completer):
     It runs in a folder of its own, with as many threads as this process has (`OMP_NUM_THREADS`).
 
     Attributes:
-        command: program and arguments, in one text or several; `{incomplete}`, `{completed}` and `{seed}` stand for
-            the two files and a number that decides every random draw.
+        command: program and arguments, in one text or several, which no shell reads; `{incomplete}`, `{completed}` and
+            `{seed}` stand for the two files and a number that decides every random draw.
         files: what the output depends on, the program's scripts and weights: results of other bytes are not reused.
         suffix: the format of both files; of those that `PointCloud.read` takes `.npz` alone is exact in colours.
     """
@@ -173,29 +179,32 @@ def _filled(part: str, values: Mapping[str, str]) -> str:
 
 
 def _environment() -> dict[str, str]:
-    return {name: value for name, value in os.environ.items() if name not in _PYTHON_VARIABLES}
+    ours = {name: value for name, value in os.environ.items() if name not in _PYTHON_VARIABLES}
+    return environment(thread_count()) | ours
 
 
 def _run(command: Sequence[str], folder: str) -> None:
-    """Run a program to its end; what it prints goes to standard error.
+    """Run a program to its end.
 
     Raises:
         Skipped: where it says so in its last line.
         PluginError: where it cannot be started or does not end well.
     """
-    try:
-        ended = subprocess.run(
-            command, cwd=folder, env=_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, errors="replace", check=False,
-        )  # fmt: skip
-    except (OSError, ValueError) as error:
-        _not_started(command, error)
-    sys.stderr.write(ended.stdout)
-    last = _last_line(ended.stdout)
+    said = b""
+    with _started(command, folder, stdin=subprocess.DEVNULL, stderr=subprocess.STDOUT) as process:
+        try:
+            for _, piece in _printed(process):
+                _pass_on(piece)
+                said = (said + piece)[-_KEPT_BYTES:]
+            process.wait()
+        except BaseException:
+            process.kill()
+            raise
+    last = _last_line(said)
     if last.startswith(_SKIPPED):
         raise Skipped(last.removeprefix(_SKIPPED))
-    if ended.returncode:
-        raise PluginError(f"{command[0]} {_ending(ended.returncode)}: {last or 'it printed nothing'}")
+    if process.returncode:
+        raise PluginError(f"{command[0]} {_ending(process.returncode)}: {last or 'it printed nothing'}")
 
 
 class _Program:
@@ -203,8 +212,11 @@ class _Program:
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
-        self._process: subprocess.Popen[str] | None = None
-        self._errors: IO[str]
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, in a worker say, starts a process of its own."""
+        return _Program, (self._command,)
 
     def ask(self, incomplete: str, completed: str, seed: str) -> None:
         """Have a cloud completed.
@@ -212,39 +224,30 @@ class _Program:
         Raises:
             Skipped, PluginError: as it answers, or where it ends instead or cannot be started.
         """
-        process = self._process or self._started()
-        # What it said of clouds before this one explains nothing.
-        self._errors.truncate(0)
+        process = self._process or self._start()
         try:
-            answer = _answer(process, f"{incomplete}\t{completed}\t{seed}\n")
+            answer, said = _answer(process, f"{incomplete}\t{completed}\t{seed}\n")
         except BaseException:
             # Its answer would be taken for that to the next cloud.
+            process.kill()
             self._end()
             raise
-        self._errors.seek(0)
-        said = self._errors.read()
-        sys.stderr.write(said)
         if answer is None:
             code = self._end()
-            raise PluginError(
-                f"{self._command[0]} {_ending(code)} before it answered: {_last_line(said) or 'it said nothing'}"
-            )
+            said = said or "it wrote nothing to standard error"
+            raise PluginError(f"{self._command[0]} {_ending(code)} before it answered: {said}")
         if answer.startswith(_SKIPPED):
             raise Skipped(answer.removeprefix(_SKIPPED))
         if answer.startswith(_FAILED):
             raise PluginError(f"{self._command[0]} failed: {answer.removeprefix(_FAILED)}")
 
-    def _started(self) -> subprocess.Popen[str]:
-        # Appended to, so that it can be cleared while the program writes to it.
-        self._errors = tempfile.TemporaryFile("a+", errors="replace")  # noqa: SIM115
+    def _start(self) -> subprocess.Popen[bytes]:
         folder = temporary_folder()
         try:
-            process = subprocess.Popen(
-                self._command, cwd=folder.name, env=_environment(), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-                stderr=self._errors, text=True, errors="replace",
-            )  # fmt: skip
-        except (OSError, ValueError) as error:
-            _not_started(self._command, error)
+            process = _started(self._command, folder.name, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        except PluginError:
+            folder.cleanup()
+            raise
         self._process = process
         self._finalize = weakref.finalize(self, _end_process, process, folder)
         return process
@@ -257,25 +260,76 @@ class _Program:
         return process.returncode
 
 
-def _answer(process: subprocess.Popen[str], question: str) -> str | None:
-    """The line that answers; None where the program ends instead."""
-    assert process.stdin is not None and process.stdout is not None
+def _answer(process: subprocess.Popen[bytes], question: str) -> tuple[str | None, str]:
+    """The line that answers, None where the program ends instead, and the last line that it wrote to standard error."""
+    assert process.stdin is not None
+    with suppress(BrokenPipeError):  # it has ended, and what it printed says why
+        process.stdin.write(os.fsencode(question))
+    said = unfinished = b""
+    for pipe, piece in _printed(process):
+        if pipe is process.stderr:
+            _pass_on(piece)
+            said = (said + piece)[-_KEPT_BYTES:]
+            continue
+        *lines, unfinished = re.split(rb"[\r\n]", unfinished + piece)
+        for line in lines:
+            answer = _as_answer(line)
+            if answer is not None:
+                return answer, _last_line(said)
+            _pass_on(line + b"\n")
+        unfinished = unfinished[-_KEPT_BYTES:]
+    return _as_answer(unfinished), _last_line(said)
+
+
+def _as_answer(line: bytes) -> str | None:
+    text = line.decode(errors="replace").strip()
+    return text if text == _DONE or text.startswith((_SKIPPED, _FAILED)) else None
+
+
+def _started(command: Sequence[str], folder: str, stdin: int, stderr: int) -> subprocess.Popen[bytes]:
     try:
-        process.stdin.write(question)
-        process.stdin.flush()
-    except BrokenPipeError:
-        return None
-    for line in process.stdout:
-        answer = line.strip()
-        if answer == _DONE or answer.startswith((_SKIPPED, _FAILED)):
-            return answer
-        sys.stderr.write(line)
-    return None
+        return subprocess.Popen(
+            command, bufsize=0, cwd=folder, env=_environment(), stdin=stdin, stdout=subprocess.PIPE, stderr=stderr
+        )
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PluginError(f"{command[0]} cannot be started ({reason}); check the completer's `command`") from None
 
 
-def _end_process(process: subprocess.Popen[str], folder: Any) -> None:
+def _printed(process: subprocess.Popen[bytes]) -> Iterator[tuple[IO[bytes], bytes]]:
+    """What a program prints, as it comes, and by which pipe; up to the end of its standard output, or to its own.
+
+    What it started, and did not end, may hold the pipes open for as long as it likes.
+    """
+    # What it said on standard error before it answered comes before the answer.
+    pipes = [pipe for pipe in (process.stderr, process.stdout) if pipe is not None]
+    with selectors.DefaultSelector() as selector:
+        for pipe in pipes:
+            selector.register(pipe, selectors.EVENT_READ)
+        ended = False
+        while not ended:
+            ended = process.poll() is not None
+            ready = [key.fileobj for key, _ in selector.select(0 if ended else _LOOK_EVERY_SECONDS)]
+            for pipe in pipes:
+                if pipe not in ready:
+                    continue
+                piece = os.read(pipe.fileno(), _PIECE_BYTES)
+                if piece:
+                    yield pipe, piece
+                elif pipe is process.stdout:
+                    return
+                else:
+                    selector.unregister(pipe)
+
+
+def _pass_on(printed: bytes) -> None:
+    sys.stderr.write(printed.decode(errors="replace"))
+    sys.stderr.flush()
+
+
+def _end_process(process: subprocess.Popen[bytes], folder: Any) -> None:
     """Let a program end, which has no more to read; kill it where it does not."""
-    for pipe in (process.stdin, process.stdout):
+    for pipe in (process.stdin, process.stdout, process.stderr):
         assert pipe is not None
         with suppress(OSError):
             pipe.close()
@@ -287,14 +341,10 @@ def _end_process(process: subprocess.Popen[str], folder: Any) -> None:
     folder.cleanup()
 
 
-def _not_started(command: Sequence[str], error: Exception) -> NoReturn:
-    reason = getattr(error, "strerror", None) or error
-    raise PluginError(f"{command[0]} cannot be started ({reason}); check the completer's `command`") from None
-
-
 def _ending(code: int) -> str:
     return f"was ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
-def _last_line(text: str) -> str:
-    return next((line.strip() for line in reversed(text.splitlines()) if line.strip()), "")
+def _last_line(printed: bytes) -> str:
+    lines = printed.decode(errors="replace").splitlines()
+    return next((line.strip()[:_LONGEST_REASON] for line in reversed(lines) if line.strip()), "")

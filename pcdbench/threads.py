@@ -56,9 +56,12 @@ def at_once(*work: Callable[[], T]) -> list[T]:
 
 def limit_threads(count: int) -> None:
     """Give this process `count` threads. Call it before numpy, torch or open3d are imported."""
-    os.environ[VARIABLE] = str(count)
-    for variable in _LIBRARIES:
-        os.environ[variable] = str(count)
+    os.environ.update(environment(count))
+
+
+def environment(count: int) -> dict[str, str]:
+    """The variables by which a process and its libraries know that they have `count` threads."""
+    return dict.fromkeys((VARIABLE, *_LIBRARIES), str(count))
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Completers outside of this interpreter: programs of their own, and clouds that were completed elsewhere."""
 
+import copy
 import errno
 import json
 import os
@@ -116,6 +117,7 @@ FAILURES = {
     "raises": ("raise ValueError('no GPU')", FILES, PluginError, "exit code 1: ValueError: no GPU"),
     "killed": ("import os; os.kill(os.getpid(), 9)", FILES, PluginError, "ended by signal 9: it printed nothing"),
     "writes nothing": ("print('fine')", FILES, PluginError, "done, and wrote no completed.xyz"),
+    "babbles": ("print('x' * 10**6); raise SystemExit(1)", FILES, PluginError, "exit code 1: x{500}$"),
     "skips": ("print('skipped: too few points')", FILES, Skipped, "^too few points$"),
     "ends": ("import sys; sys.stdin.readline(); 1 / 0", (), PluginError, "1 before it answered: ZeroDivisionError"),
     "never reads": ("1 / 0", (), PluginError, "1 before it answered: ZeroDivisionError"),
@@ -159,6 +161,37 @@ def test_after_one_death_it_is_started_again(program: Callable, cloud: PointClou
     assert len(complete(completer, cloud)) == 200
 
 
+def test_what_it_said_of_a_cloud_before_is_not_said_again(program: Callable, cloud: PointCloud) -> None:
+    first = "input(); sys.stderr.write('fine'); sys.stderr.flush(); print('failed: it')"
+    completer = program(f"import sys\n{first}\ninput(); sys.exit('no GPU')")()
+    for message in (r"failed: it$", r"exit code 1 before it answered: no GPU$"):
+        with pytest.raises(PluginError, match=message):
+            complete(completer, cloud)
+
+
+# It prints nothing, and keeps open what its parent prints to.
+LEAVES_A_CHILD = "import subprocess; subprocess.Popen(['sleep', '8'])\n"
+LEFT = {
+    "done": (ONCE + LEAVES_A_CHILD, FILES, None),
+    "fails": (LEAVES_A_CHILD + "raise SystemExit('no GPU')", FILES, "exit code 1: no GPU"),
+    "dies": (LEAVES_A_CHILD + "raise SystemExit('no GPU')", (), "exit code 1 before it answered: no GPU"),
+}
+
+
+@pytest.mark.parametrize(("text", "arguments", "message"), LEFT.values(), ids=LEFT)
+def test_what_it_leaves_running_is_not_waited_for(
+    program: Callable, cloud: PointCloud, text: str, arguments: tuple[str, ...], message: str | None
+) -> None:
+    begun = time.monotonic()
+    completer = program(text, *arguments)()
+    if message is None:
+        assert len(complete(completer, cloud)) == 200
+    else:
+        with pytest.raises(PluginError, match=message):
+            complete(completer, cloud)
+    assert time.monotonic() - begun < 6
+
+
 def test_files_that_cannot_be_removed_cost_no_cloud(
     program: Callable, cloud: PointCloud, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -167,6 +200,18 @@ def test_files_that_cannot_be_removed_cost_no_cloud(
 
     monkeypatch.setattr("os.rmdir", refuses)
     assert len(complete(program(ONCE, *FILES)(), cloud)) == 200
+
+
+def test_a_copy_starts_a_program_of_its_own(
+    program: Callable, cloud: PointCloud, capfd: pytest.CaptureFixture[str]
+) -> None:
+    completer = program(STAYS)()
+    first = complete(completer, cloud)
+    # As it is handed to worker processes.
+    other = copy.deepcopy(completer)
+    np.testing.assert_array_equal(complete(other, cloud).points, first.points)
+    complete(completer, cloud)
+    assert len({line for line in capfd.readouterr().err.splitlines() if line.startswith("loading")}) == 2
 
 
 def test_what_it_prints_neither_blocks_nor_answers(program: Callable, cloud: PointCloud) -> None:
@@ -192,11 +237,27 @@ def test_an_answer_that_was_not_waited_for_is_not_taken_for_the_next(
     assert len(complete(completer, cloud)) == 200
 
 
-def test_it_has_our_threads_and_not_our_python(
+def test_a_program_that_is_interrupted_is_not_waited_for(
     program: Callable, cloud: PointCloud, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pcdbench.external._printed", interrupted)
+    completer = program("import time; time.sleep(60)")()
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        complete(completer, cloud)
+    assert time.monotonic() - begun < 2
+
+
+@pytest.mark.parametrize("variable", ["OMP_NUM_THREADS", "PCDBENCH_THREADS"])
+def test_it_has_our_threads_and_not_our_python(
+    program: Callable, cloud: PointCloud, monkeypatch: pytest.MonkeyPatch, variable: str
+) -> None:
     monkeypatch.setenv("PYTHONPATH", "/ours")
-    monkeypatch.setenv("OMP_NUM_THREADS", "3")
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    monkeypatch.setenv(variable, "3")
     tells = "import os; raise SystemExit(' '.join([os.environ['OMP_NUM_THREADS'], str(os.environ.get('PYTHONPATH'))]))"
     with pytest.raises(PluginError, match="exit code 1: 3 None"):
         complete(program(tells, *FILES)(), cloud)
@@ -285,11 +346,11 @@ CASES = ("--dataset", "tiny", "--incompleteness", "slab", "--level", "0.3,0.5")
 
 
 def run(name: str, *options: str, code: int = 0) -> list[dict[str, Any]]:
-    """The rows of a run of one completer."""
+    """The rows of a run of completers, without those of references."""
     out = f"runs/{name}-{time.monotonic_ns()}"
     command("run", "--completer", name, "--task", "tiny_gap", *CASES, "--jobs", "1", "--out", out, *options, code=code)
     rows = [json.loads(line) for line in Path(out, "rows.jsonl").read_text().splitlines()]
-    return [row for row in rows if row["completer"]["name"] == name]
+    return [row for row in rows if row["completer"]["name"] in name.split(",")]
 
 
 def measured(rows: list[dict[str, Any]]) -> dict[Any, float]:
@@ -346,6 +407,14 @@ def temporary(mine: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     monkeypatch.setenv("TMPDIR", str(folder))
     return folder
+
+
+def test_of_a_program_that_hangs_all_that_it_printed_is_kept_and_no_file(mine: Path, temporary: Path) -> None:
+    prompts = "import sys, time; sys.stderr.write('password: '); sys.stderr.flush(); time.sleep(60)"
+    (mine / "method.py").write_text(prompts)
+    rows = run("program,stays", "--option", "tiny.scenes=1", "--level", "0.3", "--timeout", "3", "--jobs", "2", code=3)
+    assert [(row["status"], row["output"].startswith("password: ")) for row in rows] == [("timeout", True)] * 2
+    assert not list(temporary.iterdir())
 
 
 def test_a_program_that_stays_leaves_no_file(mine: Path, temporary: Path, half_room: Case) -> None:
