@@ -64,8 +64,8 @@ class CommandCompleter(Completer):
         suffix: the format of both files; of those that `PointCloud.read` takes `.npz` alone is exact in colours.
     """
 
-    command: str | Sequence[str] = ()
-    files: Sequence[str | Path] = ()
+    command: str | Sequence[str | Path] = ()
+    files: str | Path | Sequence[str | Path] = ()
     suffix: str = ".ply"
     # How much memory another process takes is not known here.
     costs = ("seconds",)
@@ -75,7 +75,7 @@ class CommandCompleter(Completer):
         self._program: _Program | None = None
 
     def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
-        command = shlex.split(self.command) if isinstance(self.command, str) else list(self.command)
+        command = shlex.split(self.command) if isinstance(self.command, str) else [str(part) for part in self.command]
         if not command:
             raise PluginError(f"{type(self).__name__} names no program; set its `command`")
         seed = str(int(rng.integers(_SEEDS)))
@@ -95,8 +95,9 @@ class CommandCompleter(Completer):
 
     def weights_digest(self) -> str | None:
         """That of `files`, or None where none are named."""
+        files = [self.files] if isinstance(self.files, str | Path) else self.files
         try:
-            return digest([file_digest(Path(file)) for file in self.files]) if self.files else None
+            return digest([file_digest(Path(file)) for file in files]) if files else None
         except OSError as error:
             raise PcdbenchError(
                 f"{error.filename}, of {type(self).__name__}, cannot be read ({error.strerror}); check its `files`"
@@ -160,7 +161,8 @@ def _by_tag(who: str, folder: str) -> Mapping[str, Path]:
         raise PcdbenchError(f"the completed clouds of {who} are not at {folder} ({error.strerror})") from None
     for path in paths:
         tags = _TAG.findall(path.name)
-        if not tags or path.suffix.lower() not in EXTENSIONS:
+        # A file that is being written, or notes of the system about another one, are hidden and named like a cloud.
+        if not tags or path.suffix.lower() not in EXTENSIONS or path.name.startswith("."):
             continue
         if tags[-1] in found:
             raise PcdbenchError(f"{path} and {found[tags[-1]].name} are of the same incomplete cloud; keep one of them")

@@ -106,11 +106,10 @@ def test_the_seed_decides(program: Callable, cloud: PointCloud) -> None:
     assert not np.array_equal(one, other)
 
 
-def test_a_command_may_be_one_text(cloud: PointCloud) -> None:
-    class Copies(CommandCompleter):
-        command = "cp '{incomplete}' {completed}"
-
-    np.testing.assert_allclose(complete(Copies(), cloud).points, cloud.points, atol=1e-6)
+@pytest.mark.parametrize("command", ["cp '{incomplete}' {completed}", [Path("/bin/cp"), "{incomplete}", "{completed}"]])
+def test_a_command_may_be_one_text_and_hold_paths(cloud: PointCloud, command: Any) -> None:
+    completer = type("Copies", (CommandCompleter,), {"command": command})()
+    np.testing.assert_allclose(complete(completer, cloud).points, cloud.points, atol=1e-6)
 
 
 FAILURES = {
@@ -269,6 +268,7 @@ def test_other_files_are_other_weights(program: Callable, tmp_path: Path) -> Non
     completer = program(ONCE, *FILES, files=(str(weights),))()
     before = completer.weights_digest()
     assert before == completer.weights_digest() and len(before) == 64
+    assert before == program(ONCE, *FILES, files=str(weights))().weights_digest()
     weights.write_bytes(b"2")
     assert completer.weights_digest() != before
     weights.unlink()
@@ -505,6 +505,14 @@ def test_a_case_that_cannot_be_made_is_told_and_the_others_are_written(mine: Pat
     assert "pcdbench: cut at level 0.3: " in ended.stderr and "1 incomplete clouds, 1 of them new" in ended.stdout
     (path,) = (mine / "inc").iterdir()
     assert path.name.startswith("good-holes-0.3-") and len(PointCloud.read(path)) == 1400
+
+
+def test_hidden_files_are_no_completed_clouds(tmp_path: Path, half_room: Case) -> None:
+    # What another program is at, and what a system notes of a file.
+    for name in ("cloud-", ".unfinished-", "._cloud-"):
+        half_room.cloud.write(tmp_path / f"{name}{cloud_tag(half_room.cloud)}.ply")
+    completer = FolderCompleter(FolderCompleter.Options(folder=str(tmp_path)))
+    assert len(complete(completer, half_room.cloud)) == len(half_room.cloud)
 
 
 WRONG_FOLDERS = {
