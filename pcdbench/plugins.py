@@ -137,6 +137,8 @@ def _require_sound_class(registration: Registration, cls: Any) -> None:
     who, base = f"{registration.kind} {registration.name!r}: {registration.target}", BASE_OF_KIND[registration.kind]
     if not (isinstance(cls, type) and issubclass(cls, getattr(pcdbench, base))):
         raise PluginError(f"{who} is not a subclass of pcdbench.{base}")
+    if issubclass(cls, pcdbench.ReferenceCompleter) and not registration.reference:
+        raise PluginError(f"{who} sees the complete cloud; register it with reference=True (it is not ranked)")
     declared: Any = cls
     if not isinstance(declared.version, str) or not declared.version:
         raise PluginError(f'{who} has the version {declared.version!r}; it must be a text such as "1"')

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from pcdbench import Options, Task
-from pcdbench.completer import Completer
+from pcdbench.completer import Completer, ReferenceCompleter
 from pcdbench.errors import PluginError
 from pcdbench.plugins import GROUP, KINDS, Register, Registry, did_you_mean, hookimpl, load_registry
 
@@ -95,6 +95,11 @@ class IntegerVersion(Completer):
         raise NotImplementedError
 
 
+class SeesTheTruth(ReferenceCompleter):
+    def answer(self, case: object, rng: object) -> None:  # type: ignore[override]
+        raise NotImplementedError
+
+
 class NoOptions(Completer):
     Options: Any = Options()
 
@@ -115,6 +120,7 @@ class MetricsByName(Task):
         ("collections:OrderedDict", "is not a subclass of pcdbench.Completer"),
         ("json:dumps", "is not a subclass of pcdbench.Completer"),
         (f"{__name__}:IntegerVersion", 'has the version 2; it must be a text such as "1"'),
+        (f"{__name__}:SeesTheTruth", "sees the complete cloud; register it with reference=True (it is not ranked)"),
         (f"{__name__}:NoOptions", ": its Options must be a subclass of pcdbench.Options"),
     ],
 )
