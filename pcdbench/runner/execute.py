@@ -193,6 +193,8 @@ def completed(completer: Completer, case: Case, rng: np.random.Generator) -> Com
         )
     if not isinstance(cloud, PointCloud):
         raise PluginError(f"the completer returned {type(cloud).__name__}, not a pcdbench.PointCloud")
+    # A subclass may count its points otherwise than the cap does, and arrays may have changed since they were checked.
+    cloud = PointCloud(cloud.points, cloud.colors)
     if not len(cloud):
         raise PluginError("the completer returned a cloud without points")
     costs = {name: value if name in completer.costs else None for name, value in cost.as_json().items()}

@@ -76,6 +76,11 @@ def test_density_is_capped_before_the_task_sees_it(run_rows):
     assert row["trace"]["count"] == row["points"]["complete"] == 300
 
 
+def test_density_is_capped_whatever_the_cloud_says_of_itself(run_rows):
+    (row,) = run_rows("tiny_faulty.how=posing", completers=["tiny_faulty"])
+    assert row["points"]["completed"] == 9 * 210 and row["trace"]["count"] == 300
+
+
 def test_all_completers_and_levels_are_measured_with_the_same_draws(run_rows):
     rows = run_rows(completers=["tiny_fill", "tiny_colorful"], levels=(0.1, 0.5), scenes=2)
     drawn = {(row["scene"], tuple(row["metrics"]["drawn"]["samples"])) for row in rows}
@@ -97,6 +102,7 @@ def test_levels_of_a_draw_are_nested(run_rows, tmp_path):
         ("exit", "failed", "SystemExit: good bye"),
         ("wrong", "failed", "the completer returned ndarray, not a pcdbench.PointCloud"),
         ("empty", "failed", "the completer returned a cloud without points"),
+        ("late", "failed", "1 of 210 points are not finite; drop them before use"),
         ("skip", "skipped", "only round rooms"),
     ],
 )

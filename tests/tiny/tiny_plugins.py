@@ -248,9 +248,16 @@ class Colorful(Completer):
         return cloud
 
 
+class Posing(PointCloud):
+    """A cloud that looks smaller than it is."""
+
+    def __len__(self) -> int:
+        return 1
+
+
 class Faulty(Completer):
     class Options(pcdbench.Options):
-        how: Literal["raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once"] = Field(
+        how: Literal["raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once", "posing", "late"] = Field(
             "raise", description="how it fails"
         )
         level: float = Field(0.0, description="fails only where more than this share of 300 points is missing")
@@ -276,6 +283,13 @@ class Faulty(Completer):
                 raise pcdbench.Skipped("only round rooms")
             case "colorless":
                 return cloud.without_colors()
+            case "posing":
+                return Posing(np.repeat(cloud.points, 9, axis=0))
+            case "late":
+                late = PointCloud(cloud.points + 0.0)
+                late.points.flags.writeable = True
+                late.points[0] = np.nan
+                return late
             case "once" if not Path(self.options.mark).exists():
                 raise RuntimeError("not yet")
         return cloud
