@@ -78,21 +78,25 @@ def check_completer(
             with _not_skipped(who):
                 return called(f"{who}.answer()", completer.answer, case, rng)
 
-        _check_repeats(who, answered, scene.dense, scene.complete)
+        _check_repeats(who, answered, lambda: None, scene.dense, scene.complete)
         report("the same answer for the same rng, and the case as it was")
         return
     cloud = case.cloud
-    # A call on another cloud in between shows state that leaks from one cell into the next.
-    other = half_missing(scene, seed=1).cloud.without_colors() if not completer.needs_color else cloud
+    # Another half of the same room in between shows what leaks from one cell into the next, remembered points too.
+    other = half_missing(scene, seed=1).cloud
+    other = other if completer.needs_color else other.without_colors()
 
     colorless = "" if completer.needs_color else " (of a cloud without colour: set needs_color if that is why)"
 
     def completed(rng: np.random.Generator) -> PointCloud:
         with _not_skipped(who):
-            called(f"{who}.complete()", completer.complete, other, np.random.default_rng(99), cure=colorless)
             return called(f"{who}.complete()", completer.complete, cloud, rng)
 
-    result = _check_repeats(who, completed, cloud, other)
+    def complete_other() -> None:
+        with _not_skipped(who):
+            called(f"{who}.complete()", completer.complete, other, np.random.default_rng(99), cure=colorless)
+
+    result = _check_repeats(who, completed, complete_other, cloud, other)
     report("the same cloud for the same rng, whatever came before, and the input as it was")
     _check_confidence(who, completer, cloud, result)
     report("complete_with_confidence() returns the same cloud, and a confidence in [0, 1] or none")
@@ -289,11 +293,17 @@ def _check_metrics(who: str, metrics: tuple[Metric, ...]) -> None:
         _require(metric.direction in ("lower", "higher"), f"{who}: {metric.name}: which direction is better?")
 
 
-def _check_repeats(who: str, make: Callable[[np.random.Generator], PointCloud], *inputs: PointCloud) -> PointCloud:
-    """The cloud that `make(rng)` returns, twice the same, with its inputs as they were."""
+def _check_repeats(
+    who: str,
+    make: Callable[[np.random.Generator], PointCloud],
+    between: Callable[[], None],
+    *inputs: PointCloud,
+) -> PointCloud:
+    """The cloud that `make(rng)` returns, the same before and after `between()`, with its inputs as they were."""
     before = [(cloud.points.copy(), None if cloud.colors is None else cloud.colors.copy()) for cloud in inputs]
     with _global_randomness(0):
         first = _require_cloud(who, make(np.random.default_rng(0)))
+        between()
     for cloud, (points, colors) in zip(inputs, before, strict=True):
         same_colors = colors is None or (cloud.colors is not None and np.array_equal(cloud.colors, colors))
         _require(
@@ -307,7 +317,7 @@ def _check_repeats(who: str, make: Callable[[np.random.Generator], PointCloud], 
     )
     _require(
         np.array_equal(first.points, second.points) and same_colors,
-        f"{who} gave two clouds for the same input and rng; take randomness from the rng alone",
+        f"{who} gave two clouds for the same input and rng; take randomness from the rng alone, and remember no cloud",
     )
     return first
 

@@ -57,6 +57,20 @@ class Remembers(Completer):
         return PointCloud(cloud.points + self.calls)
 
 
+class RemembersPoints(Completer):
+    """Returns all that it has seen of a room: the second time it knows the other half, too."""
+
+    seen = np.empty((0, 3))
+
+    def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
+        self.seen = np.unique(np.concatenate([self.seen, cloud.points]), axis=0)
+        return PointCloud(self.seen)
+
+
+class RemembersColoredPoints(RemembersPoints):
+    needs_color = True
+
+
 def with_noise(rng: np.random.Generator, cloud: PointCloud) -> PointCloud:
     return PointCloud(cloud.points + rng.normal(size=cloud.points.shape))
 
@@ -100,6 +114,8 @@ FAULTY_COMPLETERS = {
     "returned an empty cloud": completer(lambda cloud, rng: cloud.select(np.zeros(len(cloud), bool))),
     "take randomness from the rng alone": completer(lambda cloud, rng: with_noise(np.random.default_rng(), cloud)),
     "for the same input and rng": Remembers,
+    "and remember no cloud": RemembersPoints,
+    "alone, and remember no cloud": RemembersColoredPoints,
     "centre the points before float32": completer(single_precision),
     "one point: IndexError": completer(needs_a_hundred),
     "option distance_m needs a default": completer(lambda cloud, rng: cloud, Options=NoDefault),
