@@ -32,7 +32,8 @@ def case(
     read = read_board(board)
     cell, tasks = _found(read, key)
     name, _, path = (dataset or "").partition(":")
-    remaking = Remaking(read, {name: path or None})
+    # What a completer gave in the run may be in the cache; that it gives it for this case alone is the question.
+    remaking = Remaking(read, {name: path or None}, anew=True)
     rows = remaking.rows(cell, tasks)
     clouds, problems = remaking.clouds(cell.case, FLUENT_POINTS)
     for problem in problems:

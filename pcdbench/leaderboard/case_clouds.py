@@ -48,11 +48,13 @@ class Remaking:
 
     Args:
         paths: by name of a data set, where it lies, for those that need to be told.
+        anew: whether completions are made even where the cache has them.
     """
 
-    def __init__(self, board: Board, paths: Mapping[str, str | None] | None = None) -> None:
+    def __init__(self, board: Board, paths: Mapping[str, str | None] | None = None, *, anew: bool = False) -> None:
         self.board = board
         self._paths = paths or {}
+        self._cache = CompletionCache(limit_mb=0 if anew else None)
         self._executors: dict[int, Executor] = {}
         self._plugins: dict[tuple[Kind, str], Plugin] = {}
 
@@ -171,7 +173,7 @@ class Remaking:
 
     def _executor(self, number: int) -> Executor:
         if number not in self._executors:
-            self._executors[number] = Executor(self._dataset(number), CompletionCache())
+            self._executors[number] = Executor(self._dataset(number), self._cache)
         return self._executors[number]
 
     def _plugin(self, kind: Kind, label: str, name: str, options: Mapping[str, Any]) -> Plugin:
