@@ -37,24 +37,27 @@ def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Forma
         records,
         summary_tables,
     )
-    from pcdbench.leaderboard.summary import reasons, summarize, unseen_shares
+    from pcdbench.leaderboard.summary import foreknowledge, reasons, summarize, unseen_shares
 
     summary = summarize(rows)
     # Real pairs alone have such shares, and rows are read from disk.
-    left_out = unseen_shares(rows) if (summary["level"] == MEASURED).any() else []
+    told = unseen_shares(rows) if (summary["level"] == MEASURED).any() else []
+    foreknown = foreknowledge(rows)
+    told += [f"{name}: {what}" for name, what in foreknown.items()]
     if format == "json":
-        typer.echo(json.dumps({"run": str(folder), "summary": records(summary), "reasons": reasons(rows)}, indent=2))
+        content = {"run": str(folder), "summary": records(summary), "reasons": reasons(rows), "foreknown": foreknown}
+        typer.echo(json.dumps(content, indent=2))
     elif format == "csv":
         typer.echo(summary.to_csv(index=False), nl=False)
     elif format == "markdown":
         lost = "".join(f"- {escaped_markdown(reason)}\n" for reason in reasons(rows))
-        unseen = "".join(f"\n{escaped_markdown(line)}\n" for line in left_out)
-        typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{unseen}{lost}", nl=False)
+        more = "".join(f"\n{escaped_markdown(line)}\n" for line in told)
+        typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{more}{lost}", nl=False)
     else:
         console = table_console()
         print_tables(summary_tables(summary), console)
         console.print(LEGEND if has_styles(console) else MARKED_LEGEND, style="dim")
-        for line in left_out:
+        for line in told:
             console.print(line, markup=False, soft_wrap=True)
         print_reasons(reasons(rows), console)
 

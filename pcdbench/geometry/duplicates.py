@@ -23,3 +23,9 @@ def repeats(points: NDArray[np.float64]) -> NDArray[np.bool_]:
         again[suspects] = True
         again[suspects[first]] = False
     return again
+
+
+def share_held(cloud: NDArray[np.float64], wanted: NDArray[np.float64], known: NDArray[np.float64]) -> float:
+    """The share of the (W, 3) `wanted` points, less those in `known`, that `cloud` has to the last bit; 0 of none."""
+    new = wanted[~repeats(np.concatenate([known, wanted]))[len(known) :]]
+    return float(repeats(np.concatenate([cloud, new]))[len(cloud) :].mean()) if len(new) else 0.0

@@ -92,6 +92,7 @@ class BoardCompleter:
         card: its model card, or None.
         saw_test: why it is flagged: which of the board's test scenes its card says it was trained on; empty
             where it is not.
+        foreknew: in how many of its clouds are points that were taken away, to the last bit; empty where in none.
     """
 
     label: str
@@ -102,6 +103,7 @@ class BoardCompleter:
     weights: str | None = None
     card: Mapping[str, Any] | None = None
     saw_test: str = ""
+    foreknew: str = ""
 
 
 @dataclass(frozen=True)

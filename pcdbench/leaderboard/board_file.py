@@ -13,7 +13,7 @@ import orjson
 from pydantic import TypeAdapter, ValidationError
 
 from pcdbench.errors import PcdbenchError, first_problem, told
-from pcdbench.leaderboard.board import Board, BoardCell, BoardResult, Comparison, Standing
+from pcdbench.leaderboard.board import Board, BoardCell, BoardCompleter, BoardResult, Comparison, Standing
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.runner.store import write_text
 
@@ -142,7 +142,7 @@ def _require_whole(board: Board) -> None:
 
 
 def _plain(value: Any) -> Any:
-    """A dataclass of the board as JSON values; a result leaves out what it has not, a cell that it is not cached."""
+    """A dataclass of the board as JSON values; results leave out what they have not, others what hardly any has."""
     if isinstance(value, Estimate):
         return [_rounded(number) for number in (value.value, value.low, value.high)]
     if isinstance(value, BoardResult):
@@ -152,6 +152,8 @@ def _plain(value: Any) -> Any:
         kept = {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
         if isinstance(value, BoardCell) and not value.cached:
             del kept["cached"]
+        if isinstance(value, BoardCompleter) and not value.foreknew:
+            del kept["foreknew"]
         return kept
     if isinstance(value, float):
         return None if math.isnan(value) else value

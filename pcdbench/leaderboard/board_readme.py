@@ -151,8 +151,9 @@ def _details(board: Board) -> list[str]:
 
 
 def _notes(board: Board) -> str:
-    """Which completers saw the test scenes, which ones did not complete here, and why measurements are missing."""
+    """Which completers saw the test scenes, know them or did not complete here, and why measurements are missing."""
     lines = [f"- † {_name(its)} was trained on {its.saw_test}" for its in board.completers if its.saw_test]
+    lines += [f"- {_name(its)}: {its.foreknew}" for its in board.completers if its.foreknew]
     lines += [
         f"- {escaped_markdown(label)} was completed elsewhere: how, and at what cost, is not known here"
         for label in sorted(board.completed_elsewhere)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from pcdbench.leaderboard.merging import MergedRow, RunRows, merge, read_runs
 from pcdbench.leaderboard.ranks import Ranking, Tried, ranking
 from pcdbench.leaderboard.saw_test import seen_in_training
 from pcdbench.leaderboard.statistics import Estimate
-from pcdbench.leaderboard.summary import summarize
+from pcdbench.leaderboard.summary import foreknowledge, summarize
 from pcdbench.runner.rows import cost_measured
 
 KEY_DIGITS = 16
@@ -89,12 +90,13 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
         for number in sorted(labelled)
         for standing in _standings(number, labelled[number], rankings, completers, tasks)
     ]
+    foreknown = foreknowledge(row for rows in labelled.values() for row in rows)
     return Board(
         name=name,
         data=data,
         incompletenesses=_incompletenesses(merged),
         tasks=tasks,
-        completers=completers,
+        completers=tuple(replace(its, foreknew=foreknown.get(its.label, "")) for its in completers),
         runs=tuple(_run(run) for run in runs),
         cases=tuple(ordered_cases),
         cells=tuple(cells),

@@ -16,13 +16,13 @@ from pcdbench.leaderboard.board import metric_meaning
 from pcdbench.leaderboard.run_shape import require_sound_facts, require_sound_keys, require_sound_plugin
 from pcdbench.leaderboard.summary import level_text
 from pcdbench.runner.row_shape import require_sound_rows
-from pcdbench.runner.rows import cost_measured
+from pcdbench.runner.rows import FOREKNOWN, cost_measured
 from pcdbench.runner.store import ELSEWHERE, ROWS, RUN, read_rows, read_run, warn_of_missing_rows
 
 # Machines round differently; what they measure of one key differs by less than this share of the value.
 AGREEMENT = 1e-3
 _DESCRIBED = ("dataset", "incompleteness", "completer", "task")
-_KEPT = ("key", "cell", "scene", "draw", "level", "status", "error", "missing", "completing", "host", "time")
+_KEPT = ("key", "cell", "scene", "draw", "level", "status", "error", "missing", FOREKNOWN, "completing", "host", "time")
 
 
 @dataclass(frozen=True)

@@ -151,6 +151,8 @@ def _completer(board: Board, completer: BoardCompleter) -> dict[str, Any]:
         flags.append({"text": "saw test scenes", "why": completer.saw_test})
     if completer.label in board.completed_elsewhere:
         flags.append({"text": "completed elsewhere", "why": "how its clouds were made, and at what cost, is not known"})
+    if completer.foreknew:
+        flags.append({"text": "knew what was taken away", "why": completer.foreknew})
     role = _ROLES.get(completer.name, "reference") if completer.reference else None
     return {"name": completer.label, "role": role, "facts": facts, "flags": flags}
 

@@ -14,7 +14,7 @@ import pandas as pd
 
 from pcdbench.incompleteness import MEASURED, UNSEEN_SHARE
 from pcdbench.leaderboard.statistics import estimates
-from pcdbench.runner.rows import cost_measured
+from pcdbench.runner.rows import FOREKNOWN, cost_measured
 
 GROUP = ["task", "metric", "incompleteness", "level", "completer"]
 CASE = ["scene", "draw", "incompleteness", "level"]
@@ -107,6 +107,20 @@ def unseen_shares(rows: Iterable[Mapping[str, Any]]) -> list[str]:
             f"clouds, median (most): {', '.join(said)}"
         )
     return lines
+
+
+def foreknowledge(rows: Iterable[Mapping[str, Any]]) -> dict[str, str]:
+    """By completer that gave back points that were taken away, in how many of its clouds and how many; for people."""
+    shares: dict[str, dict[str, float]] = {}
+    for row in rows:
+        if row["status"] == "ok":
+            shares.setdefault(row["completer"]["name"], {})[row["cell"]] = row.get(FOREKNOWN) or 0.0
+    return {
+        name: f"{sum(map(bool, its.values()))} of {len(its)} completed clouds hold points that were taken away, to the "
+        f"last bit (at most {max(its.values()):.0%} of them): known from elsewhere, unless the scan lies on a grid"
+        for name, its in shares.items()
+        if any(its.values())
+    }
 
 
 def level_text(level: float, missing: float = math.nan) -> str:

@@ -15,11 +15,12 @@ from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer, ReferenceCompleter
 from pcdbench.dataset import Dataset
 from pcdbench.errors import PcdbenchError, PluginError, Skipped, told
+from pcdbench.geometry.duplicates import share_held
 from pcdbench.keys import digest, seed_from
 from pcdbench.runner.completions import Completion, CompletionCache
 from pcdbench.runner.measuring import Cost
 from pcdbench.runner.plan import Cell
-from pcdbench.runner.rows import Row, base_row, new_row, samples_by_metric
+from pcdbench.runner.rows import FOREKNOWN, Row, base_row, new_row, samples_by_metric
 from pcdbench.runner.selection import Plugin
 from pcdbench.scene import Scene
 from pcdbench.task import Measurements, Task
@@ -27,6 +28,8 @@ from pcdbench.task import Measurements, Task
 Stage = Literal["scene", "case", "completing", "evaluating"]
 _KEPT_SCENES = 2
 _TRACEBACK_LINES = 12
+# Coordinates that a file rounded may meet by chance.
+_FOREKNOWN_FROM = 0.01
 T = TypeVar("T")
 
 
@@ -87,6 +90,9 @@ class Executor:
             "completing": {key: completion.facts[key] for key in ("seconds", "peak_memory_mb")} | {"cached": cached},
             "device": completion.facts["device"],
         }
+        if not cell.completer.reference:
+            share = share_held(completion.cloud.points, case.removed.points, case.cloud.points)
+            base |= {FOREKNOWN: round(share, 4)} if share >= _FOREKNOWN_FROM else {}
         yield Step(base)
         for task in tasks:
             yield Step(base, [self._measured_row(base, cell, task, case, completion.cloud)])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
+from pcdbench.runner.rows import FOREKNOWN
 
 _LARGEST = 1e300
 _TEXTS = ("key", "cell", "scene", "status")
@@ -46,8 +47,9 @@ def _problem(row: Mapping[str, Any]) -> str:
         return "draw"
     if not (_is_number(row.get("level")) and 0 <= row["level"] <= 1):
         return "level"
-    if not (row.get("missing") is None or _is_number(row["missing"])):
-        return "missing"
+    for name in ("missing", FOREKNOWN):
+        if not (row.get(name) is None or _is_number(row[name])):
+            return name
     if not (row.get("error") is None or isinstance(row["error"], str)):
         return "error"
     cost = row.get("completing", "")

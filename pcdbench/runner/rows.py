@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pcdbench.task import Measurements, Task
 
 SCHEMA_VERSION = 1
+FOREKNOWN = "foreknown"
+"""Only in rows of completed clouds that hold points that were taken away, to the last bit: the share of those."""
 Row = dict[str, Any]
 
 

@@ -8,9 +8,10 @@ import pytest
 from runs_for_tests import full_row, store_run
 
 from pcdbench.errors import PcdbenchError, RunWarning
-from pcdbench.leaderboard.board_file import board_json
+from pcdbench.leaderboard.board_file import board_json, read_board, write_board
 from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.building import board_of_runs
+from pcdbench.leaderboard.page_data import page_payload
 from pcdbench.leaderboard.render import markdown, summary_tables
 from pcdbench.leaderboard.results import read_results
 from pcdbench.leaderboard.summary import summarize
@@ -194,6 +195,18 @@ def test_a_completer_that_saw_the_test_scenes_is_flagged(tmp_path, entry, seen):
     of = board_of_runs("b", [folder]).completer_of
     assert of["a"].saw_test == "" and of["a"].card is None
     assert of["net"].saw_test == (f"{seen} of 7 scenes of rooms test" if seen else "")
+
+
+def test_a_completer_that_gave_back_what_was_taken_away_is_told_on_the_board(tmp_path):
+    rows = [row | ({"foreknown": 0.875} if row["scene"] == "room3" else {}) for row in rows_of("knows", 1.0)]
+    board = board_of_runs("b", [store_run(tmp_path, rows + rows_of("a", 1.0))])
+    told = "1 of 7 completed clouds hold points that were taken away, to the last bit (at most 88% of them)"
+    assert board.completer_of["knows"].foreknew.startswith(told) and not board.completer_of["a"].foreknew
+    assert f"\n- knows: {told}" in board_readme(board, {}, [], tmp_path)
+    assert told in json.dumps(page_payload(board)["completers"])
+    write_board(board, tmp_path / "leaderboard.json")
+    assert read_board(tmp_path).completers == board.completers
+    assert board_json(board).count("foreknew") == 1, "what hardly any has is not in the file of the others"
 
 
 def test_scenes_of_a_trained_environment_and_of_an_overlapping_split_are_seen():

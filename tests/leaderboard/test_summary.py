@@ -1,6 +1,7 @@
 """Summaries by hand-computed cases: what is counted, paired and shown."""
 
 import io
+import json
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,18 @@ def test_failed_timed_out_and_skipped_cases_are_counted_not_averaged():
     assert (second["completer"], second["cases"], second["failed"], second["median"]) == ("b", 0, 1, None)
     page = markdown(summary_tables(summarize(rows)))
     assert "1 (2 failed, 1 skipped)" in page and "0 (1 failed)" in page
+
+
+def test_who_gave_back_what_was_taken_away_is_told_with_the_tables(capsys):
+    rows = [result_row(name, [1.0], scene=scene, task=task) for name in "ab" for scene in "xyz" for task in ("t", "u")]
+    rows = [row | ({"foreknown": 0.5} if row["cell"].startswith(("a x", "a y")) else {}) for row in rows]
+    told = "a: 2 of 3 completed clouds hold points that were taken away, to the last bit (at most 50% of them)"
+    print_summary(rows, Path("run"), "table")
+    assert capsys.readouterr().out.count(told) == 1
+    print_summary(rows, Path("run"), "json")
+    assert list(json.loads(capsys.readouterr().out)["foreknown"]) == ["a"]
+    print_summary([row for row in rows if "foreknown" not in row], Path("run"), "table")
+    assert "taken away" not in capsys.readouterr().out
 
 
 def test_the_order_of_rows_changes_nothing():

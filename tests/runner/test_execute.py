@@ -81,6 +81,13 @@ def test_density_is_capped_whatever_the_cloud_says_of_itself(run_rows):
     assert row["points"]["completed"] == 9 * 210 and row["trace"]["count"] == 300
 
 
+def test_a_row_tells_of_points_that_only_who_knows_the_truth_can_have(run_rows):
+    knows, honest = run_rows("tiny_faulty.how=knows", completers=["tiny_faulty", "tiny_fill"])
+    truth, *_ = run_rows(completers=["ground_truth"])
+    assert knows["foreknown"] == 1.0
+    assert "foreknown" not in honest and "foreknown" not in truth, "references are no methods"
+
+
 def test_all_completers_and_levels_are_measured_with_the_same_draws(run_rows):
     rows = run_rows(completers=["tiny_fill", "tiny_colorful"], levels=(0.1, 0.5), scenes=2)
     drawn = {(row["scene"], tuple(row["metrics"]["drawn"]["samples"])) for row in rows}

@@ -257,9 +257,9 @@ class Posing(PointCloud):
 
 class Faulty(Completer):
     class Options(pcdbench.Options):
-        how: Literal["raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once", "posing", "late"] = Field(
-            "raise", description="how it fails"
-        )
+        how: Literal[
+            "raise", "exit", "crash", "wrong", "empty", "skip", "colorless", "once", "posing", "late", "knows"
+        ] = Field("raise", description="how it fails")
         level: float = Field(0.0, description="fails only where more than this share of 300 points is missing")
         mark: str = Field("", description="for `once`: fails until this file exists")
 
@@ -285,6 +285,8 @@ class Faulty(Completer):
                 return cloud.without_colors()
             case "posing":
                 return Posing(np.repeat(cloud.points, 9, axis=0))
+            case "knows":
+                return Tiny(None, Tiny.Options()).scene("box0").complete
             case "late":
                 late = PointCloud(cloud.points + 0.0)
                 late.points.flags.writeable = True
