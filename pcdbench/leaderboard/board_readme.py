@@ -26,9 +26,9 @@ nothing scores.
 
 \\#N is a rank: one more than the number of completers that are shown to be better, by paired differences over the \
 same cases whose intervals hold for all pairs of a table at once. Completers that cannot be told apart share a rank, \
-and with fewer than six scenes nobody can. A case in which a completer failed counts, for its rank, with the worst \
-value of the table; it is not in the averages, and is counted beside them. Seconds and MB are medians of completing a \
-case.
+but for those with fewer cases, who come after; with fewer than six scenes nobody can. A case in which a completer \
+failed counts, for its rank, with the worst value of the table; it is not in the averages, and is counted beside \
+them. Seconds and MB are medians of completing a case.
 """
 
 

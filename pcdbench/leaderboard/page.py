@@ -87,9 +87,9 @@ def _about(board: Board) -> str:
         "and <em>the floor</em> what doing nothing scores. References have no rank.</p>",
         "<p>A rank is one more than the number of completers shown to be better: by paired differences over the same "
         "cases, with simultaneous 95 % intervals over all pairs of a table. Completers that cannot be told apart share "
-        "a rank. For its rank, a case on which a completer failed counts with the worst value that anyone has; the "
-        "values are of what was measured, and how many cases failed stands beside them. Of one case, a number is the "
-        "mean of its samples.</p>",
+        "a rank, but for those with fewer cases, who come after. For its rank, a case on which a completer failed "
+        "counts with the worst value that anyone has; the values are of what was measured, and how many cases failed "
+        "stands beside them. Of one case, a number is the mean of its samples.</p>",
     ]
     flagged = [completer for completer in board.completers if completer.saw_test]
     if flagged:

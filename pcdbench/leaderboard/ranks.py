@@ -9,7 +9,8 @@ data snooping", its single step), so that in 95 % of the tables not one pair is 
 them as Student's t does (Hesterberg 2015, "What teachers should know about the bootstrap").
 
 A completer's rank is 1 + the number of completers shown to be better. Who cannot be told apart from the best is
-first with it.
+first with it, unless it has values of fewer cases: few cases and filled ones make intervals wide, and nobody should
+come first by that.
 """
 
 from __future__ import annotations
@@ -70,9 +71,10 @@ def ranking(
     """Rank completers, each two over the cases that both were tried on.
 
     A case in which a completer has no samples though another one has (it failed, timed out or was skipped) counts
-    with the worst sample that anyone, references included, has in this table. So nobody gains by failing where
-    it is hard. Cases in which no completer has samples do not count; a completer without a single sample has no rank,
-    nor has one with fewer than `FEWEST_SCENES` scenes in common with every other, where others have more.
+    with the worst sample that anyone, references included, has in this table; and of two that cannot be told apart
+    the one with fewer cases comes after the other. So nobody gains by failing where it is hard. Cases in which no
+    completer has samples do not count; a completer without a single sample has no rank, nor has one with fewer than
+    `FEWEST_SCENES` scenes in common with every other, where others have more.
 
     Args:
         tried: by completer, its cases.
@@ -89,19 +91,22 @@ def ranking(
     compared = [one for group in groups for one in group]
     critical = _critical(groups)
     found = {}
-    better_than: dict[str, set[str]] = {name: set() for name in tried}
+    before: dict[str, set[str]] = {name: set() for name in tried}
     for one in compared:
         half = one.half_width(critical)
         better = None
         if abs(one.value) > half:
             wins_first = (one.value < 0) == (direction == "lower")
             better, worse = (one.first, one.second) if wins_first else (one.second, one.first)
-            better_than[worse].add(better)
+            before[worse].add(better)
+        elif table.measured[one.first] != table.measured[one.second]:
+            more, fewer = sorted((one.first, one.second), key=table.measured.__getitem__, reverse=True)
+            before[fewer].add(more)
         estimate = Estimate(one.value, one.value - half, one.value + half)
         found[one.first, one.second] = PairedDifference(one.first, one.second, estimate, one.cases, better)
     enough = min(FEWEST_SCENES, max((one.scenes for one in compared), default=0))
     ranked = {name for one in compared if one.scenes >= enough for name in (one.first, one.second)}
-    ranks = {name: 1 + len(better) for name, better in better_than.items() if name in ranked}
+    ranks = {name: 1 + len(its) for name, its in before.items() if name in ranked}
     return Ranking(ranks, tuple(found[pair] for pair in combinations(tried, 2) if pair in found))
 
 
@@ -177,7 +182,11 @@ def _critical(groups: Sequence[Sequence[_Compared]]) -> float:
 
 
 class _Table:
-    """Who was tried on what, and what counts where samples were lost."""
+    """Who was tried on what, and what counts where samples were lost.
+
+    Attributes:
+        measured: by completer, the number of cases that it has samples of.
+    """
 
     def __init__(
         self,
@@ -186,6 +195,7 @@ class _Table:
         direction: Literal["lower", "higher"],
     ) -> None:
         self._by_case = {name: {one.case: one for one in its} for name, its in tried.items()}
+        self.measured = {name: sum(len(one.samples) > 0 for one in its) for name, its in tried.items()}
         self._size: dict[int, int] = defaultdict(int)
         for its in tried.values():
             for one in its:

@@ -90,6 +90,23 @@ def test_failing_on_the_hardest_cases_does_not_help(scenes, direction, sign):
     assert sign * (alone.mean() - values.mean()) < 0, "though its own average is the better one"
 
 
+@pytest.mark.parametrize("failing", [True, False])
+def test_intervals_that_are_wide_for_want_of_cases_bring_nobody_to_the_front(scenes, failing):
+    rng = np.random.default_rng(2)
+    values = scenes * np.exp(rng.normal(scale=0.02, size=30))
+    worse = values * np.exp(rng.normal(0.3, 0.2, 30))
+    whole = {"best": tried(values), "alike": tried(scenes)}
+    assert ranking(whole | {"worse": tried(worse)}, {}, "lower", "median").ranks == {"best": 1, "alike": 1, "worse": 3}
+    hard = np.argsort(worse)[30 - 14 :]
+    if failing:
+        fewer = tried([None if number in hard else value for number, value in enumerate(worse)])
+    else:
+        fewer = [one for one in tried(worse) if one.case not in hard]
+    found = ranking(whole | {"worse": fewer}, {"floor": tried(scenes + 50)}, "lower", "median")
+    assert [its.better for its in found.differences] == [None] * 3, "it is not told apart any more"
+    assert found.ranks == {"best": 1, "alike": 1, "worse": 3}
+
+
 def test_a_failure_counts_with_as_many_samples_as_others_have_there():
     several = [[1.0, 2.0, 3.0]] * 7
     found = ranking(
