@@ -17,7 +17,7 @@ _TITLES: dict[Kind, str] = {
     "better": "Better",
     "repaired": "Repaired",
     "faster": "Faster",
-    "note": "Not compared",
+    "note": "Note",
 }
 # XML 1.0 has no way to write the others (2.2, "Characters"), and errors come with the colours of a terminal.
 _NO_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")
