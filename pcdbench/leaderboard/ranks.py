@@ -6,7 +6,8 @@ So who was tried on little takes nothing from what is known of the others. The s
 metric's own, the median or the mean that the table shows. All pairs are judged at once: the intervals are those of
 the largest studentised difference over all pairs (Romano and Wolf 2005, "Stepwise multiple testing as formalized
 data snooping", its single step), so that in 95 % of the tables not one pair is told apart wrongly. Few scenes widen
-them as Student's t does (Hesterberg 2015, "What teachers should know about the bootstrap").
+them as Student's t does those of one pair (Hesterberg 2015, "What teachers should know about the bootstrap"), which
+is too little for the largest of many: docs/leaderboards.md has how often that goes wrong.
 
 A completer's rank is 1 + the number of completers shown to be better. Who cannot be told apart from the best is
 first with it, unless it has values of fewer cases: few cases and filled ones make intervals wide, and nobody should
