@@ -6,8 +6,8 @@ So who was tried on little takes nothing from what is known of the others. The s
 metric's own, the median or the mean that the table shows. All pairs are judged at once: the intervals are those of
 the largest studentised difference over all pairs (Romano and Wolf 2005, "Stepwise multiple testing as formalized
 data snooping", its single step), so that in 95 % of the tables not one pair is told apart wrongly. Few scenes widen
-them as Student's t does those of one pair (Hesterberg 2015, "What teachers should know about the bootstrap"), which
-is too little for the largest of many: docs/leaderboards.md has how often that goes wrong.
+them as Student's t does (Hesterberg 2015, "What teachers should know about the bootstrap"), as far out in its tails as
+the largest of all pairs is; docs/leaderboards.md has how often it still goes wrong.
 
 A completer's rank is 1 + the number of completers shown to be better. Who cannot be told apart from the best is
 first with it, unless it has values of fewer cases: few cases and filled ones make intervals wide, and nobody should
@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import combinations
 from typing import Literal
 
@@ -133,15 +132,10 @@ class _Compared:
         """Half the width of the interval that reaches `critical` spreads, a little more for few scenes."""
         if self.moved is None:
             return np.nan
-        # A bootstrap's spread is that of n scenes about their own mean, and its tails are those of many scenes.
+        # A bootstrap's spread is that of n scenes about their own mean, and its tails are those of many scenes: as far
+        # out as the largest of many pairs reaches, Student's are far longer than where 95 % of one pair end.
         narrow = np.sqrt(self.scenes / (self.scenes - 1))
-        return float(critical * self.spread * narrow * _tails(self.scenes))
-
-
-@lru_cache
-def _tails(scenes: int) -> float:
-    """How much farther out Student's tails are than the normal distribution's."""
-    return float(t.ppf((1 + CONFIDENCE) / 2, scenes - 1) / norm.ppf((1 + CONFIDENCE) / 2))
+        return float(self.spread * narrow * t.isf(norm.sf(critical), self.scenes - 1))
 
 
 def _compared(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from pcdbench.leaderboard.ranks import FEWEST_SCENES, Tried, ranking
 from pcdbench.leaderboard.statistics import scene_weights
@@ -45,12 +46,13 @@ def test_the_value_of_a_difference_is_that_of_the_tables_statistics(scenes):
         assert its.difference.value == pytest.approx(value(scenes) - value(other + 1))
 
 
-def test_the_interval_of_one_pair_is_widened_for_its_few_scenes_as_students_t_is():
+def test_an_interval_has_students_tails_as_far_out_as_it_reaches():
     apart = np.array([0.3, -0.1, 0.5, 0.2, -0.4, 0.6])
     (its,) = ranking({"a": tried(10 + apart), "b": tried([10.0] * 6)}, {}, "lower", "mean").differences
     drawn = scene_weights(6) @ apart / 6
-    # Of 6 scenes a sample's spread is sqrt(6 / 5) times theirs, and t with 5 degrees of freedom 2.571 for 1.960.
-    half = np.quantile(np.abs(drawn - apart.mean()), 0.95) * np.sqrt(6 / 5) * 2.570582 / 1.959964
+    spreads = np.quantile(np.abs(drawn - apart.mean()), 0.95) / drawn.std()
+    # Of 6 scenes a sample's spread is sqrt(6 / 5) times theirs, and t has 5 degrees of freedom.
+    half = drawn.std() * np.sqrt(6 / 5) * stats.t.ppf(stats.norm.cdf(spreads), 5)
     value = apart.mean()
     assert (its.difference.low, its.difference.high) == pytest.approx((value - half, value + half), rel=1e-6)
 
