@@ -21,8 +21,8 @@ _ROLES = {TRUTH: "the truth", CEILING: "the ceiling", FLOOR: "the floor"}
 _READING = f"""\
 Values are the metric's own statistic (its median or mean) over all samples, [with its 95 % bootstrap interval over \
 scenes]. **Bold**: the best of the completers with the most cases. *Italic*: references, not methods: `{TRUTH}` is \
-the complete cloud, `{CEILING}` another sample of it, the best that a method can honestly reach, `{FLOOR}` what doing \
-nothing scores.
+the complete cloud, `{CEILING}` another sample of it, the best that a method can honestly reach which makes the \
+whole cloud anew, `{FLOOR}` what doing nothing scores.
 
 \\#N is a rank: one more than the number of completers that are shown to be better, by paired differences over the \
 same cases whose intervals hold for all pairs of a table at once. Completers that cannot be told apart share a rank, \

@@ -83,8 +83,9 @@ def _about(board: Board) -> str:
     """How to read the numbers, and why some are not there; HTML."""
     parts = [
         "<p>Values are of all samples of all cases; [95 %] is their bootstrap interval over scenes. <em>The truth</em> "
-        "is the complete cloud, <em>the ceiling</em> another sample of it, the best that a method can honestly reach, "
-        "and <em>the floor</em> what doing nothing scores. References have no rank.</p>",
+        "is the complete cloud, <em>the ceiling</em> another sample of it, the best that a method can honestly reach "
+        "which makes the whole cloud anew, and <em>the floor</em> what doing nothing scores. References have no "
+        "rank.</p>",
         "<p>A rank is one more than the number of completers shown to be better: by paired differences over the same "
         "cases, with simultaneous 95 % intervals over all pairs of a table. Completers that cannot be told apart share "
         "a rank, but for those with fewer cases, who come after. For its rank, a case on which a completer failed "
