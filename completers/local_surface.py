@@ -12,23 +12,32 @@ from pcdbench.threads import thread_count
 
 
 def unoriented_normals(
-    points: NDArray[np.float64], neighbors: int = 12, at: NDArray[np.float64] | None = None
+    points: NDArray[np.float64],
+    neighbors: int = 12,
+    at: NDArray[np.float64] | None = None,
+    tree: cKDTree | None = None,
 ) -> NDArray[np.float64]:
     """(N, 3) unit normals, of either sign: the direction of least spread of a point's nearest `neighbors`.
 
     Args:
         points: (N, 3) metres, near the origin.
         at: (M, 3) places whose normals are asked for instead, (M, 3).
+        tree: of the points, where there is one already.
     """
     at = points if at is None else at
-    _, index = cKDTree(points).query(at, k=min(neighbors, len(points)), workers=thread_count())
-    spread = points[index.reshape(len(at), -1)]
-    spread = spread - spread.mean(axis=1, keepdims=True)
-    _, axes = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)
-    return axes[:, :, 0]
+    tree = cKDTree(points) if tree is None else tree
+    _, index = tree.query(at, k=min(neighbors, len(points)), workers=thread_count())
+    return planes(points[index.reshape(len(at), -1)])[1]
 
 
-def surface_spacing(points: NDArray[np.float64]) -> float:
+def planes(near: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The mean (N, 3) of each K of (N, K, 3) points, and the unit normal (N, 3), of either sign, of their plane."""
+    center = near.mean(axis=1)
+    spread = near - center[:, None]
+    return center, np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
+
+
+def surface_spacing(points: NDArray[np.float64], tree: cKDTree | None = None) -> float:
     """Metres between neighbours if the surface were sampled on a square grid of the same density.
 
     From the median distance to the sixth neighbour, which (unlike the first) is about the same for random, evenly
@@ -36,9 +45,10 @@ def surface_spacing(points: NDArray[np.float64]) -> float:
 
     Args:
         points: (N, 3) metres, near the origin, N at least 7.
+        tree: of the points, where there is one already.
     """
     step = max(1, len(points) // 5000)
-    distances, _ = loose_tree(points).query(points[::step], k=7, workers=thread_count())
+    distances, _ = (loose_tree(points) if tree is None else tree).query(points[::step], k=7, workers=thread_count())
     return float(np.median(distances[:, 6])) / float(np.sqrt(6 / np.pi))
 
 
@@ -74,10 +84,7 @@ def spread_evenly(
         return places, np.zeros(0, np.int64)
     support = np.concatenate([places, observed])
     _, index = loose_tree(support).query(places, k=min(neighbors, len(support)), workers=thread_count())
-    near = support[index]
-    center = near.mean(axis=1)
-    spread = near - center[:, None]
-    normals = np.linalg.eigh(spread.transpose(0, 2, 1) @ spread)[1][:, :, 0]
+    center, normals = planes(support[index])
     candidates = places + reach * spacing_m * rng.uniform(-0.5, 0.5, (jitters, *places.shape))
     heights = np.einsum("jni,ni->jn", candidates - center, normals)
     candidates = (candidates - heights[..., None] * normals).reshape(-1, 3)

@@ -15,6 +15,7 @@ from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
+from ..heading import about_z, wall_heading
 from ..inpainting import colors_around
 from ..local_surface import spread_evenly, surface_spacing
 from ..prism import BEYOND
@@ -78,10 +79,13 @@ class VoxelUNetCompleter(LearnedCompleter):
     ) -> tuple[pcdbench.PointCloud, NDArray[np.floating[Any]]]:
         """The completed cloud, and the probability of surface at each added point (1 at the observed ones)."""
         origin = cloud.points.mean(axis=0)
-        local = pcdbench.PointCloud(cloud.points - origin, cloud.colors)
-        spacing_m = surface_spacing(local.points) if len(cloud) >= FEWEST_POINTS else 0.0
+        centered = cloud.points - origin
+        tree = loose_tree(centered)
+        spacing_m = surface_spacing(centered, tree) if len(cloud) >= FEWEST_POINTS else 0.0
         if spacing_m == 0.0:
             return cloud, np.ones(len(cloud), np.float32)
+        R_room_scan = about_z(-wall_heading(centered, tree))
+        local = pcdbench.PointCloud(centered @ R_room_scan.T, cloud.colors)
         grid = Grid.around(local.points, self._voxel_spacings * spacing_m)
         threshold = self.options.threshold
         may_pass = threshold / (threshold + MAX_SHIFT * (1 - threshold))
@@ -89,7 +93,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         found = given_what_is_missing(unobserved(found, local, grid, spacing_m), local, grid)
         found = found.select(found.probability > threshold)
         added, confidence = surface_points(local, found, spacing_m, rng)
-        added = pcdbench.PointCloud(added.points + origin, added.colors)
+        added = pcdbench.PointCloud(added.points @ R_room_scan + origin, added.colors)
         both = np.concatenate([np.ones(len(cloud), np.float32), confidence])
         return pcdbench.PointCloud.concatenate([cloud, added]), both
 

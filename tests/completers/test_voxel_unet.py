@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from pcdbench_completers.heading import about_z
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.prism import Prism
 from pcdbench_completers.voxel_unet import tiles
@@ -436,6 +437,38 @@ def test_it_needs_no_colour_and_moves_with_the_cloud() -> None:
     assert len(here) == pytest.approx(len(there), rel=0.01)
     assert cKDTree(here.points).query(there.points - offset)[0].mean() < 0.005
     assert completer.complete(cloud.without_colors(), np.random.default_rng(0)).colors is None
+
+
+@trained
+def test_a_turned_room_is_read_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud = with_hole(room(9000), (4.5, 2.0, 0.0), 0.8)
+    turn = about_z(np.radians(33.0))
+    grids: list[Grid] = []
+    around = Grid.around
+    monkeypatch.setattr(Grid, "around", lambda *args: grids.append(around(*args)) or grids[-1])
+    straight, turned = (
+        VoxelUNetCompleter().complete(PointCloud(points, cloud.colors), np.random.default_rng(0)).points[len(cloud) :]
+        for points in (cloud.points, cloud.points @ turn.T)
+    )
+    assert grids[0].shape == grids[1].shape
+    assert grids[0].edge_m == pytest.approx(grids[1].edge_m)
+    assert len(straight) > 100
+    assert len(turned) == pytest.approx(len(straight), rel=0.1)
+    apart, _ = cKDTree(straight).query(turned @ turn)
+    assert np.quantile(apart, 0.95) < grids[0].edge_m
+
+
+def test_what_is_learned_lies_along_the_axes() -> None:
+    turn = about_z(np.radians(-25.0))
+    its = pair()
+    turned = TrainingPair(
+        PointCloud(its.truth.points @ turn.T, its.truth.colors),
+        PointCloud(its.complete.points @ turn.T, its.complete.colors),
+        its.kept,
+    )
+    straight, example = (VoxelUNetTrainee().example(one, np.random.default_rng(1)) for one in (its, turned))
+    assert example["state"].shape == straight["state"].shape
+    assert (example["state"] == straight["state"]).mean() > 0.99
 
 
 @trained
