@@ -39,6 +39,8 @@ _PIECE_BYTES = 65_536
 _KEPT_BYTES = 8_000
 _LONGEST_REASON = 500
 _TAG_DIGITS = 16
+_SAY_A_SIZE = 100  # points
+_TIMES_AS_LARGE = 3.0  # a completed cloud is the incomplete one and what it lacks; units and normalisations are more
 _TAG = re.compile(rf"-([0-9a-f]{{{_TAG_DIGITS}}})(?![0-9a-f])")
 
 
@@ -91,7 +93,7 @@ class CommandCompleter(Completer):
                 self._program.ask(incomplete, completed, seed)
             if not os.path.isfile(completed):
                 raise PluginError(f"{command[0]} says that it is done, and wrote no {Path(completed).name}")
-            return PointCloud.read(completed)
+            return _in_frame(PointCloud.read(completed), cloud)
 
     def weights_digest(self) -> str | None:
         """That of `files`, or None where none are named."""
@@ -133,7 +135,7 @@ class FolderCompleter(Completer):
                 f"{self.options.folder} has no file with {tag} in its name, the digest of this incomplete cloud; "
                 "complete it, or export the clouds of this run (pcdbench data export)"
             )
-        return PointCloud.read(path)
+        return _in_frame(PointCloud.read(path), cloud)
 
     def weights_digest(self) -> str | None:
         """That of all completed clouds: when one of them changes, or another comes, they are measured anew."""
@@ -146,6 +148,28 @@ def cloud_tag(cloud: PointCloud) -> str:
     if cloud.colors is not None:
         hashed.update(cloud.colors.astype("<f4").tobytes())
     return hashed.hexdigest()[:_TAG_DIGITS]
+
+
+def _in_frame(completed: PointCloud, incomplete: PointCloud) -> PointCloud:
+    """The completed cloud, which is about as large as the incomplete one and in its place.
+
+    Raises:
+        PluginError: where it is not: files say nothing of units, and methods normalise what they are given.
+    """
+    if not len(completed) or len(incomplete) < _SAY_A_SIZE:
+        return completed
+    # What nine tenths of the points span, so that strays do not count.
+    (low, middle, high), (its_low, its_middle, its_high) = (
+        np.quantile(cloud.points, (0.05, 0.5, 0.95), axis=0) for cloud in (incomplete, completed)
+    )
+    size_m, its_size_m = float(np.linalg.norm(high - low)), float(np.linalg.norm(its_high - its_low))
+    away_m = float(np.linalg.norm(its_middle - middle))
+    if size_m / _TIMES_AS_LARGE <= its_size_m <= size_m * _TIMES_AS_LARGE and away_m <= size_m:
+        return completed
+    raise PluginError(
+        f"the completed cloud is {its_size_m:.3g} m large and lies {away_m:.3g} m from the incomplete one, which is "
+        f"{size_m:.3g} m large; give it in metres and in the same frame (undo what the method normalises)"
+    )
 
 
 def _by_tag(who: str, folder: str) -> Mapping[str, Path]:
@@ -162,7 +186,7 @@ def _by_tag(who: str, folder: str) -> Mapping[str, Path]:
     for path in paths:
         tags = _TAG.findall(path.name)
         # A file that is being written, or notes of the system about another one, are hidden and named like a cloud.
-        if not tags or path.suffix.lower() not in EXTENSIONS or path.name.startswith("."):
+        if not tags or path.suffix.lower() not in EXTENSIONS or path.name.startswith(".") or not path.is_file():
             continue
         if tags[-1] in found:
             raise PcdbenchError(f"{path} and {found[tags[-1]].name} are of the same incomplete cloud; keep one of them")

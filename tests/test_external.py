@@ -32,9 +32,9 @@ import os, random, sys
 def complete(incomplete, completed, seed):
     random.seed(int(seed))
     rows = [line.split() for line in open(incomplete) if line.strip()]
-    turned = [[str(-float(x)), str(-float(y)), str(float(z) + random.random()), *rest] for x, y, z, *rest in rows]
+    moved = [[str(float(x) + 0.25), y, str(float(z) + random.random()), *rest] for x, y, z, *rest in rows]
     with open(completed, "w") as stream:
-        stream.writelines(" ".join(row) + "\\n" for row in rows + turned)
+        stream.writelines(" ".join(row) + "\\n" for row in rows + moved)
 """
 ONCE = METHOD + "complete(*sys.argv[1:])\n"
 STAYS = (
@@ -71,7 +71,7 @@ def test_a_program_is_a_completer(program: Callable, cloud: PointCloud, text: st
     completed = complete(program(text, *arguments)(), cloud)
     assert len(completed) == 200
     np.testing.assert_allclose(completed.points[:100], cloud.points, atol=1e-5)
-    np.testing.assert_allclose(completed.points[100:, :2], -cloud.points[:, :2], atol=1e-5)
+    np.testing.assert_allclose(completed.points[100:, :2], cloud.points[:, :2] + (0.25, 0.0), atol=1e-5)
     assert completed.colors is not None and cloud.colors is not None
     np.testing.assert_allclose(completed.colors[:100], cloud.colors, atol=1 / 255)
 
@@ -133,6 +133,43 @@ def test_what_goes_wrong_is_one_line(
     with pytest.raises(error, match=message) as raised:
         complete(program(text, *arguments)(), cloud)
     assert len(str(raised.value).splitlines()) == 1
+
+
+def other_frames(points: np.ndarray) -> dict[str, np.ndarray]:
+    centered = points - points.mean(axis=0)
+    return {
+        "millimetres": 1000 * points,
+        "normalised": centered / np.linalg.norm(centered, axis=1).max() / 2,
+        "elsewhere": points + np.array([0.0, 30.0, 0.0]),
+        "one point": points[:1],
+    }
+
+
+@pytest.mark.parametrize("frame", ["millimetres", "normalised", "elsewhere", "one point"])
+def test_clouds_in_another_frame_are_not_measured(
+    program: Callable, half_room: Case, tmp_path: Path, frame: str
+) -> None:
+    incomplete = half_room.cloud
+    completed = PointCloud(other_frames(incomplete.points)[frame])
+    completed.write(tmp_path / f"{cloud_tag(incomplete)}.npz")
+    completed.write(tmp_path / f"completed-{cloud_tag(incomplete)}.npz")
+    copies = program(
+        f"import shutil, sys; shutil.copy({str(tmp_path / cloud_tag(incomplete))!r} + '.npz', sys.argv[2])",
+        *FILES,
+        suffix=".npz",
+    )
+    for completer in (FolderCompleter(FolderCompleter.Options(folder=str(tmp_path))), copies()):
+        with pytest.raises(PluginError, match=r"m large and lies .*undo what the method normalises") as raised:
+            complete(completer, incomplete)
+        assert len(str(raised.value).splitlines()) == 1
+
+
+def test_strays_do_not_make_it_another_frame(tmp_path: Path, half_room: Case) -> None:
+    incomplete = half_room.cloud
+    points = np.concatenate([incomplete.points, [(1e4, 0.0, 0.0)]])
+    PointCloud(points).write(tmp_path / f"completed-{cloud_tag(incomplete)}.npz")
+    completer = FolderCompleter(FolderCompleter.Options(folder=str(tmp_path)))
+    assert len(complete(completer, incomplete)) == len(points)
 
 
 @pytest.mark.parametrize("arguments", [FILES, ()], ids=["once", "stays"])
@@ -511,6 +548,7 @@ def test_hidden_files_are_no_completed_clouds(tmp_path: Path, half_room: Case) -
     # What another program is at, and what a system notes of a file.
     for name in ("cloud-", ".unfinished-", "._cloud-"):
         half_room.cloud.write(tmp_path / f"{name}{cloud_tag(half_room.cloud)}.ply")
+    os.mkfifo(tmp_path / f"pipe-{cloud_tag(half_room.cloud)}.ply")
     completer = FolderCompleter(FolderCompleter.Options(folder=str(tmp_path)))
     assert len(complete(completer, half_room.cloud)) == len(half_room.cloud)
 

@@ -85,9 +85,9 @@ def export(
     Options are those of the run. What is there already is not written again. Exit code 3 where a case cannot be made.
     """
     from pcdbench.runner.exporting import cases, exported
-    from pcdbench.runner.plan import plan
+    from pcdbench.runner.plan import plan, reference_names
 
-    references, tasks = (None, None) if suite else (",".join(_references()), "all")
+    references, tasks = (None, None) if suite else (",".join(reference_names()), "all")
     asked = requests_of(suite, references, tasks, dataset, split, incompleteness, level, seed, option or ())
     to_write = cases(plan(_without_completers(request)) for request in asked)
     written = list(exported(with_bar(to_write, "exporting"), out, format))
@@ -100,19 +100,14 @@ def export(
         raise typer.Exit(3)
 
 
-def _references() -> list[str]:
-    from pcdbench.plugins import registry
-
-    return [its.name for its in registry().all("completer") if its.reference]
-
-
 def _without_completers(request: Request) -> Request:
     """The same cases, of a request whose own completers may not be usable yet."""
     from pcdbench.plugins import registry
+    from pcdbench.runner.plan import reference_names
 
     others = {its.name for kind in ("completer", "task") for its in registry().all(kind)}
     options = [option for option in request.options if option.partition(".")[0].strip() not in others]
-    return replace(request, completers=_references(), references=False, tasks=("all",), options=options)
+    return replace(request, completers=reference_names(), references=False, tasks=("all",), options=options)
 
 
 def _splits(dataset: Dataset) -> dict[str, list[str]]:

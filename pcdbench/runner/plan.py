@@ -150,6 +150,11 @@ def case_seed(seed: int, dataset: str, scene: str, incompleteness: str, draw: in
     return seed_from("case", seed, dataset, scene, incompleteness, draw)
 
 
+def reference_names() -> list[str]:
+    """The names of the reference completers that are registered."""
+    return [found.name for found in registry().all("completer") if found.reference]
+
+
 def plan(request: Request) -> Plan:
     """Resolve a request: names, options, levels, scenes.
 
@@ -158,7 +163,7 @@ def plan(request: Request) -> Plan:
     """
     options = parse_options(request.options)
     dataset_name, _, dataset_path = request.dataset.partition(":")
-    references = [found.name for found in registry().all("completer") if found.reference]
+    references = reference_names()
     completer_names = _names("completer", request.completers)
     if request.references:
         completer_names = [*references, *(name for name in completer_names if name not in references)]

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -51,8 +52,9 @@ def line_count(folder: Path) -> int:
 def descendants(pid: int) -> set[int]:
     found = set()
     for children in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, children.read_text().split()):
-            found |= {child, *descendants(child)}
+        with suppress(OSError):  # a thread that has ended since the folder was listed
+            for child in map(int, children.read_text().split()):
+                found |= {child, *descendants(child)}
     return found
 
 
