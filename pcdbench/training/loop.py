@@ -203,74 +203,43 @@ def train(
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
-    if device == "cuda" and not torch.cuda.is_available():
-        raise PcdbenchError("this machine has no GPU that torch finds; give --device auto or cpu")
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PcdbenchError(f"{out} cannot be made ({error.strerror}); give another folder") from None
-    if not os.access(out, os.W_OK):
-        raise PcdbenchError(f"{out} cannot be written; give another folder")
+    _require_place(out, device)
     if validate is not None:
         # Not hours later, when there is something to validate; before the seed is set, so that nothing else changes.
         _require_completer(trainee)
     torch.manual_seed(stream.seed)
     torch.set_num_threads(thread_count())
     accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")
-    plain, progress = trainee.network(), Progress()
-    if start is not None:
-        start.begin(plain, trainee.completes)
-        progress.begun_from = start.origin()
-        seen_along(progress.begun_from, str(start.path))  # not hours later, when the card is written
-    optimizer = _optimizer(trainee, plain, preset)
-    average = {name: value.detach().clone() for name, value in plain.state_dict().items()}
+    state = _State.begun(trainee, out, preset, start)
+    # Of several processes one alone writes: what another has not finished would be taken for torn.
     if accelerator.is_main_process:
         for torn in out.glob(UNFINISHED):
             torn.unlink()
+    goes_on = resume and state.checkpoint.exists()
+    if goes_on:
+        state.resume(name)
+    progress = state.progress
     given = {} if options is None else options.model_dump(mode="json", exclude_defaults=True)
-    checkpoint, curve = out / "checkpoint.safetensors", Curve(out)
-    if resume and checkpoint.exists():
-        progress = resumed(checkpoint, plain, average, optimizer, name)
-        _require_same(checkpoint, progress, stream.seed, preset, given, trainee.presets)
+    if goes_on:
+        _require_same(state.checkpoint, progress, stream.seed, preset, given, trainee.presets)
         if start is not None and (progress.begun_from or {}).get("sha256") != start.digest:
-            raise PcdbenchError(f"{checkpoint} did not begin from {start.path}; go on without --from")
-        last = progress.step
-    else:
-        last = -1
-    # Of several processes one alone writes: what another has not finished would be taken for torn.
+            raise PcdbenchError(f"{state.checkpoint} did not begin from {start.path}; go on without --from")
     if accelerator.is_main_process:
-        curve.cut(last)
+        state.curve.cut(progress.step if goes_on else -1)
     progress.seed, progress.name = stream.seed, name or progress.name
     progress.preset, progress.options = preset, given
-    network, optimizer = accelerator.prepare(plain, optimizer)
+    network, state.optimizer = accelerator.prepare(state.network, state.optimizer)
     batches = _batches(trainee, stream, preset, progress.step, workers, accelerator)
     began, saved, validated, drawn, reported = time.monotonic() - progress.seconds, *(4 * [time.monotonic()])
-
-    held = progress.step  # what the files in `out` hold
-
-    def save(draw: bool = False) -> None:
-        # The checkpoint last: killed at any moment before, what was saved with it is made again.
-        nonlocal held
-        path = out / "weights.safetensors"
-        weights = {name: value for name, value in average.items() if trainee.completes(name)}
-        # The card of a training that ended and goes on would describe other weights, and have these refused.
-        path.with_suffix(CARD_SUFFIX).unlink(missing_ok=True)
-        save_weights(path, weights)
-        curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
-        if draw:
-            curve.draw()
-        save_checkpoint(checkpoint, plain, average, optimizer, asdict(progress))
-        held = progress.step
-
     whole = True  # not in the middle of a step, nor of its check
     try:
         while (spent := _of_main(accelerator, budget, progress)) < 1.0:
             share = progress.rate if preset.schedule == "plateau" else _cosine(spent, progress.step)
-            for group in optimizer.param_groups:
+            for group in state.optimizer.param_groups:
                 group["lr"] = preset.learning_rate * share * group.get("rate", 1.0)
             examples, whole = next(batches), False
-            _step(trainee, network, optimizer, accelerator, examples, progress)
-            _lerp(average, plain, progress.step)
+            _step(trainee, network, state.optimizer, accelerator, examples, progress)
+            _lerp(state.average, state.network, progress.step)
             progress.step, progress.seconds = progress.step + 1, time.monotonic() - began
             if not accelerator.is_main_process:
                 continue
@@ -282,12 +251,12 @@ def train(
                 else progress.step % preset.validate_every == 0
             )
             if validate and (done or due):
-                progress.validated(validate(trainee.completer(_averaged(trainee, average))))
+                progress.validated(validate(trainee.completer(_averaged(trainee, state.average))))
                 validated = time.monotonic()
             whole = True
             if done or now - saved >= save_every_s:
                 draw = done or now - drawn >= DRAW_EVERY_S
-                save(draw)
+                state.save(draw)
                 saved = time.monotonic()
                 drawn = saved if draw else drawn
             if done or now - reported > 10.0:
@@ -296,10 +265,74 @@ def train(
     except KeyboardInterrupt:
         # Half a step is not saved: it would be taken again. Nor is a step without its check, which would not be made
         # again. The last minute's checkpoint is there; where no step was taken since, the files stay as they are.
-        if accelerator.is_main_process and whole and progress.step != held:
-            save()
+        if accelerator.is_main_process and whole and progress.step != state.held:
+            state.save()
         raise
     return progress
+
+
+@dataclass(eq=False)
+class _State:
+    """All that a training changes, and the files that hold it.
+
+    Attributes:
+        network: as the trainee made it, whatever accelerate wraps around it.
+        average: the running mean of its weights, which becomes the weights' file.
+        held: the step that the files hold.
+    """
+
+    trainee: Trainee
+    out: Path
+    network: nn.Module
+    average: dict[str, Tensor]
+    optimizer: torch.optim.Optimizer
+    progress: Progress
+    held: int = 0
+
+    def __post_init__(self) -> None:
+        self.checkpoint, self.curve = self.out / "checkpoint.safetensors", Curve(self.out)
+
+    @classmethod
+    def begun(cls, trainee: Trainee, out: Path, preset: Preset, start: Weights | None) -> _State:
+        """A training before its first step."""
+        network, progress = trainee.network(), Progress()
+        if start is not None:
+            start.begin(network, trainee.completes)
+            progress.begun_from = start.origin()
+            seen_along(progress.begun_from, str(start.path))  # not hours later, when the card is written
+        average = {name: value.detach().clone() for name, value in network.state_dict().items()}
+        return cls(trainee, out, network, average, _optimizer(trainee, network, preset), progress)
+
+    def resume(self, name: str | None) -> None:
+        """Go on from the checkpoint, which is that of a training of this name."""
+        self.progress = resumed(self.checkpoint, self.network, self.average, self.optimizer, name)
+        self.held = self.progress.step
+
+    def save(self, draw: bool = False) -> None:
+        """Keep all of it, the curve's picture if asked for."""
+        path, progress = self.out / "weights.safetensors", self.progress
+        weights = {name: value for name, value in self.average.items() if self.trainee.completes(name)}
+        # The card of a training that ended and goes on would describe other weights, and have these refused.
+        path.with_suffix(CARD_SUFFIX).unlink(missing_ok=True)
+        save_weights(path, weights)
+        self.curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
+        if draw:
+            self.curve.draw()
+        # The checkpoint last: killed at any moment before, what was saved with it is made again.
+        save_checkpoint(self.checkpoint, self.network, self.average, self.optimizer, asdict(progress))
+        self.held = progress.step
+
+
+def _require_place(out: Path, device: str) -> None:
+    """Have the folder made, and refuse one that cannot be written, or a GPU that is not there."""
+    if device == "cuda" and not torch.cuda.is_available():
+        raise PcdbenchError("this machine has no GPU that torch finds; give --device auto or cpu")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PcdbenchError(f"{out} cannot be made ({error.strerror}); give another folder") from None
+    if not os.access(out, os.W_OK):
+        raise PcdbenchError(f"{out} cannot be written; give another folder")
 
 
 def _require_same(
