@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from pcdbench.cloud import PointCloud
+
 from .local_surface import unoriented_normals
+
+if TYPE_CHECKING:
+    from pcdbench.training.stream import TrainingPair
 
 PLACES = 1000  # at about so many places it is asked how the surface lies
 NEIGHBORS = 8
@@ -50,3 +58,10 @@ def about_z(angle: float) -> NDArray[np.float64]:
     """(3, 3) the rotation about z by an angle, radians, counterclockwise seen from above."""
     cos, sin = np.cos(angle), np.sin(angle)
     return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+
+
+def laid_along_axes(pair: TrainingPair) -> TrainingPair:
+    """A training pair turned as a completer turns what was observed of it."""
+    R_room_scan = about_z(-wall_heading(pair.complete.points[pair.kept]))
+    truth, complete = (PointCloud(cloud.points @ R_room_scan.T, cloud.colors) for cloud in (pair.truth, pair.complete))
+    return replace(pair, truth=truth, complete=complete)

@@ -12,13 +12,12 @@ from scipy.ndimage import binary_dilation
 from torch import Tensor, nn
 from torch.nn import functional as F
 
-from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
-from ..heading import about_z, wall_heading
+from ..heading import laid_along_axes
 from ..local_surface import surface_spacing
 from .completer import VOXEL_SPACINGS, VoxelUNetCompleter
 from .grid import CHANNELS, Grid, network_input, sub_voxel_means
@@ -59,12 +58,13 @@ class VoxelUNetTrainee(Trainee):
         """`features` (13, X, Y, Z) and, by sub-voxel: `state` (2X, 2Y, 2Z) uint8, 0 empty, 1 occupied, plus 2 beside
         observed ones, 4 observed; `at` (M, 3) of the occupied ones with their `offsets` (M, 3) and `colors` (M, 3).
         """
-        observed, truth = laid_along_axes(pair.complete.select(pair.kept), pair.truth)
+        pair = laid_along_axes(pair)
+        observed = pair.complete.select(pair.kept)
         edge = self._voxel_spacings * surface_spacing(observed.points) * rng.uniform(0.9, 1.1)
         whole = Grid.around(observed.points, edge, rng.random(3))
         grid = _window(whole, observed.points[rng.integers(len(observed))], rng)
         seen = observed.select(grid.holds(observed.points))
-        truth = truth.select(grid.holds(truth.points))
+        truth = pair.truth.select(grid.holds(pair.truth.points))
         fine = tuple(2 * n for n in grid.shape)
         observed_fine = np.zeros(int(np.prod(fine)), dtype=bool)
         observed_fine[grid.cells(seen.points, per_edge=2)[0]] = True
@@ -114,14 +114,6 @@ class VoxelUNetTrainee(Trainee):
         offset = (offsets - example["offsets"]).abs().mean() if len(offsets) else out.sum() * 0
         color = (colors[colored] - example["colors"]).abs().mean() if colored.any() else out.sum() * 0
         return {"loss": 10 * entropy + offset + color, "entropy": entropy, "offset": offset, "color": color}
-
-
-def laid_along_axes(observed: PointCloud, truth: PointCloud) -> tuple[PointCloud, PointCloud]:
-    """Both turned as the completer turns what was observed."""
-    R_room_scan = about_z(-wall_heading(observed.points))
-    return PointCloud(observed.points @ R_room_scan.T, observed.colors), PointCloud(
-        truth.points @ R_room_scan.T, truth.colors
-    )
 
 
 def _window(grid: Grid, center: NDArray[np.float64], rng: np.random.Generator) -> Grid:
