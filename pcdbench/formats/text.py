@@ -43,6 +43,7 @@ _ROWS_A_PIECE = 100_000
 class _Layout:
     separator: str | None  # None: blanks and tabs
     lines_before: int
+    header: list[str]  # words of the line above the rows, [] where there is none
     names: list[str]  # of the columns; [] where the file does not say
     columns: int
     promised: int | None  # points, where a first line has their number
@@ -52,10 +53,10 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
     """The points of a text file.
 
     Columns are found by their names where a header line (or the comment before the first row) has x, y and z, otherwise
-    by place, with a warning where a line that is no comment names them: x y z, then, in files of six columns and more,
-    red green blue. Three columns of unit vectors in that place are normals. Of seven columns the fourth is an intensity
-    where it cannot be a colour, or where the first line is a number of points, as in PTS files. Fields without a name
-    have that of their place (`column_7`).
+    by place, with a warning where a header has other names, or not one for each column: x y z, then, in files of six
+    columns and more, red green blue. Three columns of unit vectors in that place are normals. Of seven columns the
+    fourth is an intensity where it cannot be a colour, or where the first line is a number of points, as in PTS files.
+    Fields without a name have that of their place (`column_7`).
     """
     layout = _layout(path)
     if layout.columns < 3:
@@ -70,11 +71,14 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         names = xyz + rgb + others
         places = [layout.names.index(name) for name in names]
     else:
-        if layout.names:
+        if layout.header:
             # Not refused: coordinates have names in every language, and most files begin with them.
+            wrong = "names no x, y and z"
+            if not layout.names:
+                wrong = f"has {len(layout.header)} names for {layout.columns} columns"
             warnings.warn(
-                f"{path}: its header ({', '.join(layout.names)[:80]}) names no x, y and z; the first three columns are "
-                "taken for them. If they are others, name them x, y and z in the first line",
+                f"{path}: its header ({', '.join(layout.header)[:80]}) {wrong}; the first three are taken for x, y and "
+                "z. If they are others, name them so in a first line that has one name for each column",
                 CloudWarning,
                 4,
             )
@@ -251,11 +255,12 @@ def _layout(path: Path, with_words: bool = True) -> _Layout:
             words.pop()  # some programs end each line with a separator
         if _COMMENT.match(line):
             names = words if coordinate_and_color_names(words)[0] else names
-        elif words and (all(map(_is_number, words)) or (with_words and _has_named_numbers(words, names))):
+        elif words and (all(map(_is_number, words)) or (with_words and _has_named_numbers(words, names, separator))):
             # Some programs write the number of points before the first of them.
             if len(words) > 1 or not words[0].isdecimal():
-                names = _told_apart(names) if len(names) == len(words) else []
-                return _Layout(separator, number, names, len(words), promised)
+                is_named = len(names) == len(words) or _has_named_numbers(words, names, separator)
+                columns = len(names) if is_named else len(words)
+                return _Layout(separator, number, names, _told_apart(names) if is_named else [], columns, promised)
             promised = int(words[0]) if len(words[0]) < 16 else None
         elif text and not names:
             names = words
@@ -283,10 +288,16 @@ def _told_apart(names: list[str]) -> list[str]:
     return unique
 
 
-def _has_named_numbers(words: list[str], names: list[str]) -> bool:
-    """Whether a row has numbers where its header names x, y, z, red, green and blue, whatever the rest of it is."""
-    xyz, rgb = coordinate_and_color_names(names) if len(names) == len(words) else ([], [])
-    return bool(xyz) and all(_is_number(words[names.index(name)]) for name in xyz + rgb)
+def _has_named_numbers(words: list[str], names: list[str], separator: str | None) -> bool:
+    """Whether a row has numbers where its header names x, y, z, red, green and blue, whatever the rest of it is.
+
+    Empty cells may be missing at its end, but between blanks, where nothing tells which are.
+    """
+    if len(names) < len(words) or (separator is None and len(names) > len(words)):
+        return False
+    xyz, rgb = coordinate_and_color_names(names)
+    places = [names.index(name) for name in xyz + rgb]
+    return bool(xyz) and max(places) < len(words) and all(_is_number(words[place]) for place in places)
 
 
 def _is_number(word: str) -> bool:

@@ -77,6 +77,29 @@ def test_a_header_without_coordinates_is_warned_of(tmp_path):
     np.testing.assert_array_equal(cloud.points, EXPECTED)
 
 
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [
+        ("Point ID X Y Z\n1 1.5 2 3.25\n2 4 -5.5 6\n", "5 names for 4"),
+        ("# Point ID X Y Z\n1 1.5 2 3.25\n2 4 -5.5 6\n", "5 names for 4"),
+        ('"x" "y" "z"\n"1" 1.5 2 3.25\n"2" 4 -5.5 6\n', "3 names for 4"),
+    ],
+)
+def test_a_header_that_does_not_fit_the_columns_is_warned_of(tmp_path, text, count):
+    (tmp_path / "a.xyz").write_text(text)
+    with pytest.warns(CloudWarning, match=rf"its header \(.*\) has {count} columns; the first three are taken for x"):
+        read_cloud(tmp_path / "a.xyz")
+
+
+@pytest.mark.parametrize("rows", ["1\t1.5\t2\t3.25\t\n2\t4\t-5.5\t6\tdoor\n", "1,1.5,2,3.25\n2,4,-5.5,6,7\n"])
+def test_cells_may_be_missing_at_the_end_of_rows(tmp_path, rows):
+    (tmp_path / "a.csv").write_text("id,X,Y,Z,name\n".replace(",", rows[1]) + rows)
+    with pytest.warns(CloudWarning, match="name: not a number in every row, left out"):
+        cloud, fields = read_cloud_and_fields(tmp_path / "a.csv")
+    np.testing.assert_array_equal(cloud.points, EXPECTED)
+    np.testing.assert_array_equal(fields["id"], [1, 2])
+
+
 def test_a_header_of_another_unit_than_metres_is_warned_of(tmp_path):
     (tmp_path / "a.csv").write_text("X (ft),Y (ft),Z (ft)\n1.5,2,3.25\n4,-5.5,6\n")
     with pytest.warns(CloudWarning, match=r"its header gives x in ft; coordinates are taken as metres"):
