@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Container
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,16 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, color_bytes, require_density, unit_colors
+from pcdbench.formats.columns import (
+    NO_FIELDS,
+    NOTHING,
+    CloudWarning,
+    Columns,
+    Fields,
+    color_bytes,
+    require_density,
+    unit_colors,
+)
 from pcdbench.formats.e57_xml import require_plain_xml
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -22,7 +32,10 @@ _READ_OTHERWISE = (*_CARTESIAN, *_SPHERICAL, *_COLORS, "cartesianInvalidState", 
 
 
 def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
-    """The points of all scans in a file; colours and fields where every scan has them; invalid points become NaN."""
+    """The points of all scans in a file; invalid points become NaN.
+
+    Colours and fields are read where every scan that holds points has them; a warning names what only some have.
+    """
     import pye57
 
     require_plain_xml(path)
@@ -31,14 +44,23 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         if not file.scan_count:
             raise CloudError(f"{path} has no scans (images alone, perhaps); export its points")
         require_density(path, sum(file.get_header(index).point_count for index in range(file.scan_count)))
-        scans = [_scan(file, index, path, wanted) for index in range(file.scan_count)]
+        filled = [index for index in range(file.scan_count) if file.get_header(index).point_count]
+        scans = [_scan(file, index, path, wanted) for index in filled]
     finally:
         file.close()
+    if not scans:
+        return Columns(np.empty((0, 3)), None)
     colors = [scan.colors for scan in scans if scan.colors is not None]
+    is_colored = len(colors) == len(scans)
+    names = dict.fromkeys(name for scan in scans for name in scan.fields)
+    common = [name for name in names if all(name in scan.fields for scan in scans)]
+    lost = [*(["colours"] if colors and not is_colored else []), *(name for name in names if name not in common)]
+    if lost:
+        told = f"{path}: only some of its {len(scans)} scans have {', '.join(lost)}: left out"
+        warnings.warn(told, CloudWarning, 4)
     points = np.concatenate([scan.points for scan in scans])
-    common = [name for name in scans[0].fields if all(name in scan.fields for scan in scans)]
     fields = {name: np.concatenate([scan.fields[name] for scan in scans]) for name in common}
-    return Columns(points, np.concatenate(colors) if len(colors) == len(scans) else None, fields)
+    return Columns(points, np.concatenate(colors) if is_colored else None, fields)
 
 
 def write(
@@ -76,12 +98,11 @@ def _scan(file: Any, index: int, path: Path, wanted: Container[str]) -> Columns:
     others = [name for name in others if row.get(name).type() != libe57.E57_STRING]
     names = [*own, *others]
     numbers = {name: np.empty(count) for name in names}
-    if count:
-        buffers = libe57.VectorSourceDestBuffer()
-        for name, column in numbers.items():
-            buffers.append(libe57.SourceDestBuffer(file.image_file, name, column, count, True, True))
-        if header.points.reader(buffers).read() < count:
-            raise CloudError(f"{path}: scan {index} is cut off; copy it again")
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in numbers.items():
+        buffers.append(libe57.SourceDestBuffer(file.image_file, name, column, count, True, True))
+    if header.points.reader(buffers).read() < count:
+        raise CloudError(f"{path}: scan {index} is cut off; copy it again")
     first, second, third = (numbers[name] for name in frame)
     points = np.stack([first, second, third] if frame is _CARTESIAN else _cartesian(first, second, third), axis=1)
     if state in numbers:

@@ -262,10 +262,11 @@ def test_fields_of_all_scans_of_an_e57_are_read(tmp_path):
 
     file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
     x = np.arange(5.0)
-    for more in ({"rowIndex": np.arange(5)}, {}):
+    for more in ({"rowIndex": np.arange(5), "columnIndex": np.arange(5)}, {}):
         file.write_scan_raw({"cartesianX": x, "cartesianY": x, "cartesianZ": x, "intensity": x / 4, **more})
     file.close()
-    fields = fields_of(tmp_path / "a.e57")
+    with pytest.warns(CloudWarning, match="only some of its 2 scans have rowIndex, columnIndex: left out"):
+        fields = fields_of(tmp_path / "a.e57")
     assert list(fields) == ["intensity"] and fields["intensity"].tolist() == [*(x / 4), *(x / 4)]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from pcdbench.errors import CloudError
-from pcdbench.formats import read_cloud
+from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields
 
 POINTS = np.array([[1.5, -2.25, 3.0], [10.0, 2.5, -1.0], [0.125, 0.0, 9.0]])
 BYTES = np.array([[255, 0, 51], [1, 2, 3], [128, 64, 32]])
@@ -78,8 +78,34 @@ def test_e57_scans_without_color_beside_colored_ones_give_no_color(tmp_path):
     file.write_scan_raw(data | colors)
     file.write_scan_raw(data)
     file.close()
-    cloud = read_cloud(tmp_path / "a.e57")
+    with pytest.warns(CloudWarning, match=r"a\.e57: only some of its 2 scans have colours: left out"):
+        cloud = read_cloud(tmp_path / "a.e57")
     assert len(cloud) == 6 and cloud.colors is None
+
+
+def test_e57_scans_without_points_take_no_colors_from_others(tmp_path):
+    import pye57
+    from pye57 import libe57
+
+    file = pye57.E57(str(tmp_path / "a.e57"), mode="w")
+    image = file.image_file
+    scan, prototype = libe57.StructureNode(image), libe57.StructureNode(image)
+    columns = dict(zip(("cartesianX", "cartesianY", "cartesianZ"), POINTS.T, strict=True))
+    buffers = libe57.VectorSourceDestBuffer()
+    for name in columns:
+        prototype.set(name, libe57.FloatNode(image, 0.0))
+        buffers.append(libe57.SourceDestBuffer(image, name, np.zeros(1), 1, True, True))
+    scan.set("guid", libe57.StringNode(image, "{a}"))
+    points = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
+    scan.set("points", points)
+    file.data3d.append(scan)
+    points.writer(buffers).close()
+    colors = dict(zip(("colorRed", "colorGreen", "colorBlue"), BYTES.T.astype(np.uint8), strict=True))
+    file.write_scan_raw(columns | colors | {"intensity": np.arange(3.0)})
+    file.close()
+    cloud, fields = read_cloud_and_fields(tmp_path / "a.e57")
+    np.testing.assert_array_equal(cloud.colors, COLORS)
+    assert fields["intensity"].tolist() == [0, 1, 2]
 
 
 def test_e57_spherical_coordinates_and_16_bit_colors(tmp_path):
