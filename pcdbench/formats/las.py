@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats.columns import NO_FIELDS, NOTHING, Columns, Fields, flat_fields, own_name, unit_colors
+from pcdbench.formats.columns import (
+    NO_FIELDS,
+    NOTHING,
+    Columns,
+    Fields,
+    beyond_double,
+    flat_fields,
+    own_name,
+    unit_colors,
+)
 from pcdbench.formats.las_header import extended_records, sound_point_bytes
 
 _EXTENSIONS = (".las", ".laz")
@@ -166,7 +175,9 @@ def _smallest_point_format(columns: dict[str, NDArray[Any]], is_colored: bool) -
 
     formats = [laspy.PointFormat(number) for number in (_COLORED_FORMATS if is_colored else _FORMATS)]
     named = {dimension.name for its in formats for dimension in its.dimensions} - set(_READ_OTHERWISE)
-    spans = {name: _whole_span(column) for name, column in columns.items() if name in named}
+    # Times in nanoseconds are too large for `gps_time`, which is a double.
+    large = {name for name, column in columns.items() if column.dtype.kind in "iu" and beyond_double(column)}
+    spans = {name: _whole_span(column) for name, column in columns.items() if name in named - large}
     held = [
         {one.name for one in its.dimensions if one.name in spans and _holds(one, spans[one.name])} for its in formats
     ]

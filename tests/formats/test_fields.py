@@ -242,6 +242,9 @@ def test_what_las_has_a_name_but_no_place_for_stands_beside(tmp_path):
     back = fields_of(tmp_path / "a.las")
     np.testing.assert_array_equal(back["intensity_2"], intensity)
     assert "intensity" not in back and set(back["gps_time"]) == {0, 4}
+    write_cloud(marked()[0], tmp_path / "a.las", {"gps_time": 2**60 + np.arange(200)})
+    kept = fields_of(tmp_path / "a.las")["gps_time"].astype(np.int64)
+    np.testing.assert_array_equal(kept, 2**60 + np.arange(200))
 
 
 def test_withheld_points_are_deleted_ones(tmp_path):
