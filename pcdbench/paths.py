@@ -43,8 +43,8 @@ def require_writable(folder: Path) -> None:
     Raises:
         PcdbenchError: where no file can be written.
     """
-    existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     try:
+        existing = next(place for place in (folder, *folder.absolute().parents) if place.exists())
         with tempfile.TemporaryFile(dir=existing):
             pass
     except OSError as error:

@@ -31,6 +31,8 @@ from pcdbench.errors import PcdbenchError, warn_in_one_line
 from pcdbench.threads import thread_count
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+# What asking whether a file is there may end in, where the answer is neither yes nor no.
+_OUT_OF_REACH = (errno.EACCES, errno.EPERM, errno.ENAMETOOLONG)
 
 
 class _Commands(TyperGroup):
@@ -43,6 +45,10 @@ class _Commands(TyperGroup):
             typer.echo(f"pcdbench: {error}", err=True)
             raise typer.Exit(2) from error
         except OSError as error:
+            if error.errno in _OUT_OF_REACH and error.filename is not None:
+                told = f"{error.filename}: {error.strerror}; check the path and its permissions"
+                typer.echo(f"pcdbench: {told}", err=True)
+                raise typer.Exit(2) from error
             if error.errno not in _FULL:
                 raise
             _give_up_printing()

@@ -113,14 +113,14 @@ def carries_fields(path: Path) -> bool:
 
 def _read(path: Path, wanted: Container[str]) -> tuple[PointCloud, dict[str, NDArray[Any]]]:
     """The cloud of a file and the wanted fields of its points, every failure made one line."""
-    if path.is_dir():
-        raise CloudError(f"{path} is a folder; name one of its files, or use it as a data set: clouds:{path}")
-    module = _format_module(path)
-    if not path.exists():
-        raise CloudError(f"{path}: there is no such file; check the path")
-    if not path.is_file():
-        raise CloudError(f"{path} is a pipe or a device; write what comes out of it to a file, and name that")
     try:
+        if path.is_dir():
+            raise CloudError(f"{path} is a folder; name one of its files, or use it as a data set: clouds:{path}")
+        module = _format_module(path)
+        if not path.exists():
+            raise CloudError(f"{path}: there is no such file; check the path")
+        if not path.is_file():
+            raise CloudError(f"{path} is a pipe or a device; write what comes out of it to a file, and name that")
         if path.stat().st_size == 0:
             raise CloudError(f"{path} is empty (0 bytes); export or copy it again")
         columns = module.read(path, wanted)
@@ -129,6 +129,8 @@ def _read(path: Path, wanted: Container[str]) -> tuple[PointCloud, dict[str, NDA
     except MemoryError as error:
         raise CloudError(f"{path} does not fit into memory; thin it first") from error
     except Exception as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            raise CloudError(f"{path} cannot be read: {error.strerror}; check the path and its permissions") from error
         # Six parsers, three of them not ours, meet arbitrary bytes here: none of their errors is a bug of the caller.
         # libe57 puts its source lines after asterisks.
         reason = " ".join(str(error).split("****")[0].split())[:200] or type(error).__name__
@@ -161,14 +163,14 @@ def write_cloud(
     module = _format_module(path)
     if not len(cloud):
         raise CloudError(f"{path}: the cloud to be written has no points")
-    if path.is_dir():
-        raise CloudError(f"{path} is a folder; name a file in it")
     if fields and not carries_fields(path):
         raise CloudError(f"{path}: {path.suffix} files cannot hold {', '.join(fields)}; write PLY, LAS or NPZ")
     odd = [name for name, values in fields.items() if values.shape[:1] != (len(cloud),) or values.ndim > 2]
     if odd:
         raise CloudError(f"{path}: field {odd[0]} must have a row for each of the {len(cloud):,} points")
     try:
+        if path.is_dir():
+            raise CloudError(f"{path} is a folder; name a file in it")
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as unfinished:
             try:

@@ -150,6 +150,7 @@ def test_mistakes_are_one_line(run):
     PointCloud(np.random.default_rng(0).random((20, 3))).write("few.ply")
     PointCloud(np.linspace(0, 5, 1000)[:, None] * [1.0, 2.0, 0.5]).write("line.ply")
     plane = ("--completer", "plane_fitting")
+    endless = "a" * 300 + ".ply"
     for arguments, message in (
         (("missing.ply", "-o", "out.ply", *plane), "missing.ply: there is no such file"),
         (("scan.ply", "-o", "out.ply", "--completer", "plane_fiting"), "did you mean plane_fitting"),
@@ -161,6 +162,9 @@ def test_mistakes_are_one_line(run):
         (("scan.ply", "-o", "out.ply", *plane, "--option", "plane_fitting.distanc_m=1"), "did you mean distance_m?"),
         (("scan.ply", "-o", "out.ply", *plane, "--option", "hole_filling.link=3"), "'hole_filling' is not in this run"),
         (("scan.ply", "-o", "out.ply", "--completer", "incomplete"), "a reference to measure against"),
+        ((endless, "-o", "out.ply", *plane), f"{endless} cannot be read: File name too long"),
+        (("scan.ply", "-o", endless, *plane), f"{endless}: File name too long; check the path"),
+        (("scan.ply", "-o", "out.ply", "--report", endless, *plane), f"{endless} cannot be written: File name too"),
         (("line.ply", "-o", "out.ply", *plane), "line.ply: its 1,000 points lie on one line"),
     ):
         said = run(*arguments, code=2)

@@ -180,6 +180,7 @@ def test_all_invalid_is_refused(tmp_path):
         ("room", "without an extension"),
         ("room.obj", "is for meshes"),
         ("empty.ply", r"is empty \(0 bytes\)"),
+        ("a" * 300 + ".ply", "cannot be read: File name too long; check the path"),
     ],
 )
 def test_wrong_places_are_named(tmp_path, name, message):
@@ -235,6 +236,8 @@ def test_unwritable_places_are_named(tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(CloudError, match="cannot be written"):
         write_cloud(made_cloud(), tmp_path / "file" / "room.ply")
+    with pytest.raises(CloudError, match=r"a\.ply cannot be written: File name too long"):
+        write_cloud(made_cloud(), tmp_path / ("a" * 300 + ".ply"))
     (tmp_path / "folder.ply").mkdir()
     with pytest.raises(CloudError, match="is a folder"):
         write_cloud(made_cloud(), tmp_path / "folder.ply")
