@@ -25,6 +25,7 @@ _FIGURE_DPI = 100
 def cloud_html(cloud: PointCloud, description: str = "") -> str:
     """A cloud from above without its ceiling and at a slant, above its one-line description (its `repr` unless given).
 
+    Points that lie far from nearly all others are left out of the pictures, as the viewer leaves them out.
     A picture and no viewer: a notebook may hold dozens of clouds, each would be megabytes and want a graphics
     context. `pcdbench.view(cloud)` turns.
     """
@@ -32,10 +33,13 @@ def cloud_html(cloud: PointCloud, description: str = "") -> str:
     if not len(cloud):
         return f'<figure style="margin:0">{caption}</figure>'
     from pcdbench.viewing.picture import at_a_slant, from_above
+    from pcdbench.viewing.shown import core
 
-    drawn = cloud
-    if len(cloud) > _DRAWN_POINTS:
-        drawn = cloud.select(np.random.default_rng(0).choice(len(cloud), _DRAWN_POINTS, replace=False))
+    low, high = core([cloud.points])
+    near = np.flatnonzero(((cloud.points >= low) & (cloud.points <= high)).all(axis=1))
+    if len(near) > _DRAWN_POINTS:
+        near = np.random.default_rng(0).choice(near, _DRAWN_POINTS, replace=False)
+    drawn = cloud.select(near)
     above = _picture_html(from_above(drawn, drawn), "from above")
     slant = _picture_html(at_a_slant(drawn, drawn), "at a slant")
     return f'<figure style="margin:0">{above}{slant}{caption}</figure>'

@@ -127,7 +127,9 @@ def _view(cloud: PointCloud, frame: PointCloud, R_view_scene: NDArray[np.float64
     framed = (frame.points[frame.points[:, 2] <= ceiling] - center) @ R_view_scene.T
     corners = framed[:, :2].min(axis=0), framed[:, :2].max(axis=0)
     margin = max(0.03 * float((corners[1] - corners[0]).max()), _SMALLEST_MARGIN_M)
-    floor_m2 = float(np.prod(np.maximum(high - low, 0.1)[:2]))
+    # Where all but a few points far below are taken for the ceiling, the floor is far larger than what is framed.
+    largest_m = 2 * (float((corners[1] - corners[0]).max()) + margin)
+    floor_m2 = min(float(np.prod(np.maximum(high - low, 0.1)[:2])), largest_m**2)
     radius_m = _OVERLAP * (floor_m2 / max(1, len(frame))) ** 0.5
     return splat(points, _shaded(cloud, low, high)[shown], (corners[0] - margin, corners[1] + margin), radius_m)
 

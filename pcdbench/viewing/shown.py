@@ -67,7 +67,7 @@ def shown_clouds(
         at_most: points of a cloud; larger ones are thinned by a random draw that is always the same.
         confidence: by name, (N,) in [0, 1], for clouds that have it.
     """
-    core_low, core_high = _core([cloud.points for _, cloud in clouds])
+    core_low, core_high = core([cloud.points for _, cloud in clouds])
     shown = []
     for number, ((name, cloud), known) in enumerate(zip(clouds, added, strict=True)):
         # Copies of far away echoes must not shrink the room to a dot.
@@ -135,7 +135,7 @@ def cell_numbers(coordinates: NDArray[np.float64], edge_m: float) -> NDArray[np.
     return np.ravel_multi_index(tuple(cells.T), tuple(cells.max(axis=0) + 1)).astype(np.int64)
 
 
-def _core(parts: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def core(parts: Sequence[NDArray[np.float64]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The corners of a generous box about nearly all points of every cloud."""
     bounds = [np.quantile(points, _CORE_QUANTILES, axis=0) for points in parts if len(points)]
     low, high = np.min([lower for lower, _ in bounds], axis=0), np.max([upper for _, upper in bounds], axis=0)

@@ -66,6 +66,17 @@ def test_small_clouds_are_shown(points: list[list[float]]) -> None:
     assert len(images(PointCloud(points)._repr_html_())) == 2
 
 
+@pytest.mark.parametrize("stray", [[20.0, 3.0, -30.0], [1e6, 1e6, -1e6]])
+def test_strays_are_left_out_of_the_pictures(room: Scene, stray: list[float]) -> None:
+    pictures = images(room.complete._repr_html_())
+    with_stray = PointCloud(np.vstack([room.complete.points, [stray]]), np.vstack([room.complete.colors, [[1, 1, 1]]]))
+    for picture, expected in zip(images(with_stray._repr_html_()), pictures, strict=True):
+        np.testing.assert_array_equal(picture, expected)
+    # So many are none, and may hide the others: what is drawn then is little, and costs little.
+    many = np.concatenate([room.complete.points, np.tile(stray, (1 + len(room.complete) // 100, 1))])
+    assert len(images(PointCloud(many)._repr_html_())) == 2
+
+
 def test_large_clouds_cost_what_small_ones_do() -> None:
     rng = np.random.default_rng(0)
     cloud = PointCloud(rng.random((1_000_000, 3)) * [6, 5, 3])
