@@ -144,7 +144,7 @@ def write_cloud(
     """Write a cloud; its folder is created, and the file appears complete or not at all.
 
     Coordinates keep 0.05 mm at any map offset; colours are rounded to 8 bits, in LAS and LAZ to 16, and kept
-    as they are in NPZ.
+    as they are in NPZ. A `CloudWarning` says where E57 or PLY keeps less.
 
     Args:
         cloud: at least one point.
@@ -174,7 +174,7 @@ def write_cloud(
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as unfinished:
             try:
-                module.write(cloud, unfinished, fields, exact, like)
+                lost = module.write(cloud, unfinished, fields, exact, like)
             except CloudError as error:
                 raise CloudError(str(error).replace(str(unfinished), str(path))) from error
     except CloudError:
@@ -186,6 +186,8 @@ def write_cloud(
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         kind = path.suffix[1:].upper()
         raise CloudError(f"{path} cannot be written as {kind} ({reason}); write PLY or NPZ") from error
+    if lost is not None:
+        warnings.warn(f"{path}: {lost}", CloudWarning, 2)
 
 
 def _format_module(path: Path) -> Any:

@@ -19,6 +19,7 @@ from pcdbench.formats.columns import (
     Columns,
     Fields,
     color_bytes,
+    needs_double,
     require_density,
     unit_colors,
 )
@@ -65,15 +66,22 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
 
 def write(
     cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
-) -> None:
+) -> str | None:
     """Write one scan; its pose carries the map offset, as pye57 stores coordinates in single precision.
 
     There are no fields to write (`carries_fields`), and single precision is as exact as it gets.
+
+    Returns:
+        How far points were moved where that is more than 0.05 mm, to be told.
     """
     import pye57
 
     offset = np.floor(cloud.points.min(axis=0) / 2 + cloud.points.max(axis=0) / 2)
-    data = dict(zip(_CARTESIAN, (cloud.points - offset).T, strict=True))
+    if needs_double(cloud.points - offset):
+        # A stray point far away must not cost all others their digits.
+        offset = np.floor(np.median(cloud.points, axis=0))
+    centered = cloud.points - offset
+    data = dict(zip(_CARTESIAN, centered.T, strict=True))
     if cloud.colors is not None:
         data |= dict(zip(_COLORS, color_bytes(cloud.colors).T, strict=True))
     file = pye57.E57(str(path), mode="w")
@@ -81,6 +89,10 @@ def write(
         file.write_scan_raw(data, name="cloud", rotation=np.array([1.0, 0, 0, 0]), translation=offset)
     finally:
         file.close()
+    if not needs_double(centered):
+        return None
+    moved_m = np.abs(centered - centered.astype(np.float32)).max()
+    return f"E57 is written in single precision, which moves points so far apart by up to {moved_m:.2g} m; write PLY"
 
 
 def _scan(file: Any, index: int, path: Path, wanted: Container[str]) -> Columns:

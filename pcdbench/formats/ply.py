@@ -7,7 +7,6 @@ Read here and not by Open3D 0.20, which (tried) returns a file cut off after 2 o
 from __future__ import annotations
 
 import io
-import warnings
 from collections.abc import Container, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,7 +20,6 @@ from pcdbench.errors import CloudError
 from pcdbench.formats.columns import (
     NO_FIELDS,
     NOTHING,
-    CloudWarning,
     Columns,
     Fields,
     beyond_double,
@@ -110,21 +108,18 @@ def _vertices(
 
 def write(
     cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
-) -> None:
+) -> str | None:
     """Write binary PLY: x y z as float, or as double where float would lose more than 0.05 mm; 8-bit colours.
 
     Fields follow. Where it must be exact, coordinates are double if float would lose anything.
+
+    Returns:
+        Which fields lost digits, to be told.
     """
     columns: dict[str, NDArray[Any]] = dict(zip("xyz", cloud.points.T, strict=True))
     kinds = dict.fromkeys("xyz", np.dtype("<f8" if needs_double(cloud.points, exact) else "<f4"))
     others = flat_fields(fields)
     lossy = [name for name, column in others.items() if column.dtype.kind in "iu" and beyond_double(column)]
-    if lossy:
-        warnings.warn(
-            f"{path}: PLY has no whole numbers as large as those of {', '.join(lossy)}, which lose digits; write NPZ",
-            CloudWarning,
-            4,
-        )
     others = {name: _storable(column) for name, column in others.items()}
     if cloud.colors is not None:
         others = dict(zip(("red", "green", "blue"), color_bytes(cloud.colors).T, strict=True)) | others
@@ -138,6 +133,9 @@ def write(
     with path.open("wb") as stream:
         stream.write("\n".join([*header, "end_header\n"]).encode())
         stream.write(rows.data)
+    if not lossy:
+        return None
+    return f"PLY has no whole numbers as large as those of {', '.join(lossy)}, which lose digits; write NPZ"
 
 
 def _storable(column: NDArray[Any]) -> NDArray[Any]:

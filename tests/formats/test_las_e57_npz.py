@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
 from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields
 
@@ -139,6 +140,18 @@ def test_e57_spherical_coordinates_and_16_bit_colors(tmp_path):
     cloud = read_cloud(tmp_path / "a.e57")
     np.testing.assert_allclose(cloud.points, [[2, 0, 0], [0, 2, 0], [0, 0, 3]], atol=1e-12)
     np.testing.assert_array_equal(cloud.colors, COLORS)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_stray_point_costs_the_others_no_digits_in_an_e57(tmp_path):
+    points = np.vstack([POINTS / 10 + np.array([4e5, 5.4e6, 0.0]), np.zeros((1, 3))])
+    PointCloud(points).write(tmp_path / "a.e57")
+    np.testing.assert_allclose(read_cloud(tmp_path / "a.e57").points, points, rtol=0, atol=1e-6)
+
+
+def test_an_e57_too_wide_for_single_precision_is_told(tmp_path):
+    with pytest.warns(CloudWarning, match=r"/a\.e57: E57 is written in single .* up to 0\.00028 m; write PLY"):
+        PointCloud([[0, 0, 0], [20000.0007, 0, 0]]).write(tmp_path / "a.e57")
 
 
 def test_e57_without_scans(tmp_path):
