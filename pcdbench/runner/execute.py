@@ -122,7 +122,8 @@ class Executor:
             Failure: where the completer cannot complete the case.
         """
         plugin = cell.completer
-        cache_key = digest([cell.key, plugin.code])
+        # What decides the input counts with its code, too: an incompleteness may be what is being developed.
+        cache_key = digest([cell.key, self._dataset.code, cell.incompleteness.code, plugin.code])
         if not plugin.reference:
             found = self._cache.get(cache_key)
             if found is not None:

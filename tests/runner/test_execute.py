@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pcdbench.case import make_case
+from pcdbench.runner import selection
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor
 from pcdbench.runner.plan import Request, plan
@@ -192,6 +193,15 @@ def test_completions_are_cached_by_key_and_code_but_references_are_not(run_rows,
     }
     fill = [row["completing"]["seconds"] for row in (*first, *second) if row["completer"]["name"] == "tiny_fill"]
     assert fill[0] == fill[1], "a cached completion keeps what it cost when it was made"
+
+
+@pytest.mark.parametrize("plugin", ["Tiny", "Slab", "Fill"])
+def test_a_completion_made_by_code_that_has_changed_since_is_not_taken_from_the_cache(run_rows, monkeypatch, plugin):
+    run_rows()
+    its = selection.code_digest
+    monkeypatch.setattr(selection, "code_digest", lambda cls: "other" if cls.__name__ == plugin else its(cls))
+    (row,) = run_rows()
+    assert row["status"] == "ok" and row["completing"]["cached"] is False
 
 
 def test_memory_is_what_the_block_added():
