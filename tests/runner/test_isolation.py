@@ -180,6 +180,11 @@ def test_a_copy_of_the_worker_that_a_plugin_forks_does_not_outlive_its_step(tmp_
     assert statuses == ["ok", "ok"]
 
 
+def test_a_process_that_a_plugin_forked_and_ends_does_not_end_the_worker(run_rows):
+    (row,) = run_rows("tiny_troubled.how=terminate", levels=[0.1]).values()
+    assert (row["status"], row["error"], row["output"]) == ("ok", None, None)
+
+
 def test_a_crash_that_an_earlier_cell_left_behind_costs_a_scene_no_cell(tmp_path, monkeypatch):
     monkeypatch.setenv("PCDBENCH_CACHE", str(tmp_path / "cache"))
     options = ["tiny_troubled.how=linger", "tiny.seconds=0.6", "tiny.scenes=2"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import io
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -127,6 +128,12 @@ def misbehave(how: str) -> None:
             os.close(2)
         case "garble":
             raise Unspeakable
+        case "terminate":
+            child = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60,))
+            child.start()
+            child.join(0.3)
+            child.terminate()
+            child.join()
         case "fork":
             if not os.fork():
                 Path(path).write_text(str(os.getpid()))
