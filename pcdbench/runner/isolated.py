@@ -126,8 +126,10 @@ class IsolatedWorker:
     def stop(self) -> None:
         """End the process at once; whoever waits for its rows gets `Stopped`."""
         self._stopped.set()
-        if self._pid:
-            end_group(self._pid)
+        # Read once: closed meanwhile by the other thread it is 0, which names the group of the run itself.
+        pid = self._pid
+        if pid:
+            end_group(pid)
 
     def close(self) -> None:
         """End the process and all that it started."""

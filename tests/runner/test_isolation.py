@@ -4,6 +4,7 @@ import os
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
@@ -227,6 +228,17 @@ def gone_soon(pid):
             return True
         time.sleep(0.05)
     return False
+
+
+def test_a_worker_that_closes_while_it_is_stopped_does_not_end_the_run(monkeypatch):
+    class Closing(IsolatedWorker):
+        pids: ClassVar = [1_000_000_000]
+        _pid = property(lambda self: self.pids.pop() if self.pids else 0, lambda self, pid: None)
+
+    ended = []
+    monkeypatch.setattr("pcdbench.runner.isolated.end_group", ended.append)
+    Closing(plan(TINY).dataset, 1, LIMITS).stop()
+    assert ended == [1_000_000_000]
 
 
 @pytest.mark.parametrize(
