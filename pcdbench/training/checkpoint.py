@@ -24,7 +24,10 @@ def save_checkpoint(
     tensors |= {f"average/{name}": value for name, value in average.items()}
     for index, state in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer/{index}/{name}": value for name, value in state.items()}
-    tensors = {name: value.detach().cpu().contiguous() for name, value in tensors.items()}
+    # Copies, as safetensors takes no two tensors of one memory, which layers that share their weights have.
+    tensors = {
+        name: value.detach().cpu().clone(memory_format=torch.contiguous_format) for name, value in tensors.items()
+    }
     with whole_file(path, sync=True) as unfinished:
         unfinished.write_bytes(save(tensors, metadata={"progress": json.dumps(progress)}))
 

@@ -251,6 +251,18 @@ def test_what_only_training_needs_is_left_out_of_the_weights(tmp_path: Path) -> 
         trained(tmp_path / "all", 1, start=weights)
 
 
+def test_layers_may_share_their_weights(tmp_path: Path) -> None:
+    class Shared(HeightTrainee):
+        def network(self) -> nn.Module:
+            layer = nn.Linear(3, 3)
+            return nn.Sequential(layer, nn.Tanh(), layer, nn.Linear(3, 1))
+
+    for steps in (1, 2):
+        train(Shared(), tmp_path, Budget(steps), resume=True, workers=0, report=lambda _: None, device="cpu")
+    weights = load_file(tmp_path / "weights.safetensors")
+    assert torch.equal(weights["0.weight"], weights["2.weight"])
+
+
 def test_weights_are_halved_but_where_float16_cannot_hold_them(tmp_path: Path) -> None:
     path = tmp_path / "weights.safetensors"
     tensors = {"large": torch.tensor([1.0, 1e5]), "small": torch.tensor([1.5]), "count": torch.tensor(7)}
