@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
 
 from pcdbench.completer import Completer
-from pcdbench.errors import PcdbenchError, first_problem, told
+from pcdbench.errors import PcdbenchError, first_problem, told, warn_in_one_line
 from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
 from pcdbench.options import Options
@@ -199,7 +199,8 @@ def train(
     Raises:
         PcdbenchError: where the checkpoint, or `start`, is of another network, where the checkpoint is of another seed,
             preset, options or `start`, where boards could not read the card of `start`, where `validate` would have no
-            completer to ask, where there is no GPU for `cuda`, or where `out` cannot be made or written.
+            completer to ask, where there is no GPU for `cuda`, where `out` cannot be made or written, or where the
+            loss is not finite any more or a loader process dies.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -268,6 +269,14 @@ def train(
         if accelerator.is_main_process and whole and progress.step != state.held:
             state.save()
         raise
+    except RuntimeError as error:
+        # Torch raises no kind of its own, and at any moment: a signal told it.
+        if not str(error).startswith("DataLoader worker"):
+            raise
+        raise PcdbenchError(
+            f"a process that prepares examples has died ({error}), most likely for want of memory; give fewer "
+            "--workers, and go on from the last checkpoint with --resume"
+        ) from error
     return progress
 
 
@@ -438,6 +447,7 @@ def _batches(
 
 
 def _begin_worker(_: int) -> None:
+    warn_in_one_line()
     end_as_a_group()
     torch.set_num_threads(1)
 

@@ -25,6 +25,7 @@ from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.completer import Completer
 from pcdbench.errors import PcdbenchError
+from pcdbench.files import keep
 from pcdbench.options import Options
 from pcdbench.runner.cards import checked_card
 from pcdbench.training import loop
@@ -533,6 +534,26 @@ def test_a_loss_that_is_not_finite_ends_it_before_the_checkpoint_is_lost(tmp_pat
     with pytest.raises(PcdbenchError, match="not finite any more at step 1; go on from the last checkpoint"):
         train(Diverging(), tmp_path, Budget(steps=5), workers=0, report=lambda _: None, device="cpu", save_every_s=0.0)
     assert self_steps(tmp_path) == 1
+
+
+class Short(HeightTrainee):
+    """Its examples are made where nothing can be kept and memory runs out."""
+
+    def example(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
+        keep(Path(os.devnull) / "folder" / "crop.npz", Path.touch)
+        os.kill(os.getpid(), signal.SIGKILL)
+        return {}
+
+
+class NoPairs(PairStream):
+    def __getitem__(self, index: int) -> Any:
+        return None
+
+
+def test_what_happens_to_a_loader_worker_is_told_in_one_line(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(PcdbenchError, match=r"a process that prepares examples has died .*; give fewer --workers"):
+        train(Short(), tmp_path, Budget(steps=1), stream=NoPairs(), workers=1, device="cpu")
+    assert capfd.readouterr().err.startswith("pcdbench: what is made is not kept: /dev/null/folder cannot be written")
 
 
 def test_a_step_whose_gradients_overflow_is_left_out_but_not_one_after_the_other(tmp_path: Path) -> None:
