@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 class PcdbenchError(Exception):
     """Something the user can mend; the command line prints the message alone and exits with code 2."""
 
+    def __str__(self) -> str:
+        # Plugins raise it, too, and pydantic words some of it: with several lines, or none.
+        return " ".join(line.strip() for line in super().__str__().splitlines()) or type(self).__name__
+
 
 class PluginError(PcdbenchError):
     """A plugin could not be loaded, clashes with another one or breaks its contract."""

@@ -39,15 +39,17 @@ def check(
     Exit code 1 where a scene cannot be used.
     """
     from pcdbench.errors import PcdbenchError
-    from pcdbench.runner.selection import parse_options, select
+    from pcdbench.runner.selection import parse_options, select, whose_data_set
 
     name, _, path = dataset.partition(":")
     options = parse_options(option or ())
     others = sorted(set(options) - {name})
     if others:
         raise PcdbenchError(f"--option {others[0]}.…: {others[0]!r} is not the data set {name!r}")
-    opened = select("dataset", name, options.get(name, {}), path=path or None).build()
-    splits = _splits(opened) if split is None else {split: list(opened.scene_names(split))}
+    plugin = select("dataset", name, options.get(name, {}), path=path or None)
+    with whose_data_set(plugin):
+        opened = plugin.build()
+        splits = _splits(opened) if split is None else {split: list(opened.scene_names(split))}
     scenes = list(dict.fromkeys(scene for of_split in splits.values() for scene in of_split))
     checked = []
     for scene, findings in _checked(opened, scenes):

@@ -21,7 +21,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
 
 from pcdbench.downloads import is_address
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, told
 from pcdbench.runner.cluster_worker import do_job, end_run
 from pcdbench.runner.jobs import Job, JobQueue, Limits
 from pcdbench.runner.selection import Plugin
@@ -96,9 +96,11 @@ def dask_cluster(
         else:
             try:
                 client = stack.enter_context(Client(scheduler, timeout=_CONNECTING_SECONDS))
-            except (OSError, ValueError, TimeoutError) as error:
+            except Exception as error:
+                # Each protocol has errors of its own: of tls:// without certificates it is a TypeError.
                 raise PcdbenchError(
-                    f"no Dask scheduler answers at {scheduler} ({type(error).__name__}); start one: dask scheduler"
+                    f"no Dask scheduler answers at {scheduler} ({told(error)}); start one (dask scheduler), and give "
+                    "the address that it prints"
                 ) from None
         try:
             client.wait_for_workers(1, timeout=_FIRST_WORKER_SECONDS)

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from pcdbench.errors import PcdbenchError
+from pcdbench.errors import PcdbenchError, told
 from pcdbench.incompleteness import MEASURED
 from pcdbench.keys import digest, seed_from
 from pcdbench.plugins import Kind, did_you_mean, registry
 from pcdbench.runner.cards import require_known_splits
-from pcdbench.runner.selection import Plugin, option_targets, parse_options, select
+from pcdbench.runner.selection import Plugin, option_targets, parse_options, select, whose_data_set
 
 if TYPE_CHECKING:
     from pcdbench.dataset import Dataset
@@ -180,29 +180,25 @@ def plan(request: Request) -> Plan:
 
     left_out = _out_of_reach(request)
     dataset = select("dataset", dataset_name, options.get(dataset_name, {}), path=dataset_path or None)
-    opened = dataset.build()
-    split = _split(opened, dataset_name, request.split)
-    return Plan(
-        dataset=dataset,
-        split=split,
-        tasks=_plugins("task", names["task"], request.tasks, options, left_out),
-        completers=_plugins("completer", names["completer"], request.completers, options, left_out),
-        incompletenesses=_plugins(
-            "incompleteness", names["incompleteness"], request.incompletenesses, options, left_out
-        ),
-        levels=_levels(request.levels),
-        seed=request.seed,
-        scenes=_scenes(opened, dataset_name, split),
-        draws=opened.draws(split),
-        left_out=left_out,
-    )
+    with whose_data_set(dataset):
+        opened = dataset.build()
+        split = _split(opened, dataset_name, request.split)
+    tasks = _plugins("task", names["task"], request.tasks, options, left_out)
+    completers = _plugins("completer", names["completer"], request.completers, options, left_out)
+    incompletenesses = _plugins("incompleteness", names["incompleteness"], request.incompletenesses, options, left_out)
+    levels = _levels(request.levels)
+    with whose_data_set(dataset):
+        scenes, draws = _scenes(opened, dataset_name, split), opened.draws(split)
+    return Plan(dataset, split, tasks, completers, incompletenesses, levels, request.seed, scenes, draws, left_out)
 
 
 def default_split(dataset: str, options: Sequence[str], *, preferred: str) -> str:
     """The split called `preferred` where the data set has one, else its default."""
     name, _, path = dataset.partition(":")
-    opened = select("dataset", name, parse_options(options).get(name, {}), path=path or None).build()
-    return preferred if preferred in opened.splits() else opened.default_split
+    plugin = select("dataset", name, parse_options(options).get(name, {}), path=path or None)
+    with whose_data_set(plugin):
+        opened = plugin.build()
+        return preferred if preferred in opened.splits() else opened.default_split
 
 
 def _names(kind: Kind, asked: Sequence[str]) -> list[str]:
@@ -273,6 +269,8 @@ def _scenes(dataset: Dataset, name: str, split: str) -> dict[str, str]:
             digests[scene] = dataset.digest(scene)
         except PcdbenchError as error:
             digests[scene] = f"unreadable: {error}"
+        except (Exception, SystemExit) as error:
+            digests[scene] = f"unreadable: {told(error)}"
     if not digests:
         raise PcdbenchError(f"split {split!r} of data set {name!r} has no scenes; give another --split or folder")
     return digests

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -153,6 +154,23 @@ def option_targets(options: Mapping[str, Mapping[str, str]], names: Mapping[Kind
             installed = any(found.name == name for kind in KINDS for found in registry().all(kind))
             cure = f"name it there too, or leave its options out ({', '.join(known)})" if installed else None
             raise PcdbenchError(f"--option {name}.…: {name!r} is not in this run; {cure or did_you_mean(name, known)}")
+
+
+@contextmanager
+def whose_data_set(plugin: Plugin) -> Iterator[None]:
+    """Whatever a data set raises within is one line that names it.
+
+    Raises:
+        PluginError: in the place of what is not a `PcdbenchError`.
+    """
+    try:
+        yield
+    except PcdbenchError:
+        raise
+    except (Exception, SystemExit) as error:
+        lies_somewhere = registry().get("dataset", plugin.name).path and not plugin.path
+        cure = f" (--dataset {plugin.name}:PATH says where it lies)" if lies_somewhere else ""
+        raise PluginError(f"data set {plugin.name!r} cannot be used: {told(error)}{cure}") from error
 
 
 def _path(text: str) -> Path:

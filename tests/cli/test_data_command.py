@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from pcdbench.cli import app
 from pcdbench.cloud import PointCloud
 from pcdbench.datasets.clouds import Clouds
+from pcdbench.plugins import registry
 from pcdbench.scene import Scene
 
 
@@ -122,6 +123,14 @@ def test_json_holds_the_same(tmp_path):
     assert content["splits"]["area3"] == ["area3-empty_2", "area3-lobby_1"]
     (empty, _) = content["scenes"]["area3-lobby_1"]
     assert empty["where"].endswith("chair_1.txt") and empty["problem"] == "it is empty"
+
+
+def test_whatever_listing_scenes_raises_is_one_line(tiny_plugins, monkeypatch):
+    cls = registry().get("dataset", "tiny").load()
+    monkeypatch.setattr(cls, "scene_names", lambda self, split: sorted(self.path.iterdir()))
+    result = check("tiny")
+    assert result.exit_code == 2 and result.stderr.count("\n") == 1
+    assert "data set 'tiny' cannot be used: AttributeError: 'NoneType' object has no attribute" in result.stderr
 
 
 def test_posed_images_are_checked_too(tmp_path):

@@ -153,6 +153,18 @@ def test_a_scheduler_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize(
+    ("address", "problem"),
+    [
+        ("tls://127.0.0.1:9", "TypeError: TLS expects a `ssl_context` .*"),
+        ("head", "ValueError: missing port number in address 'head'"),
+    ],
+)
+def test_an_address_that_cannot_be_used_is_one_line_that_says_why(address: str, problem: str) -> None:
+    with pytest.raises(PcdbenchError, match=rf"^no Dask scheduler answers at {address} \({problem}\); start one"):
+        dask_cluster(address).__enter__()
+
+
+@pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--scheduler", "tcp://head:8786"], "--scheduler needs --executor dask"),

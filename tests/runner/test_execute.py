@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from pcdbench.case import make_case
+from pcdbench.errors import Skipped
 from pcdbench.runner import selection
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor
@@ -158,6 +159,26 @@ def test_a_scene_that_cannot_be_made_fails_with_its_reason(run_rows):
     found = {row["scene"]: (row["status"], row["stage"], row["error"]) for row in rows}
     assert found["box1"] == ("failed", "scene", "box1.ply has no points; scan it again")
     assert found["box0"] == found["box2"] == ("ok", None, None)
+
+
+def test_a_scene_whose_digest_raises_anything_fails_alone(run_rows, monkeypatch):
+    monkeypatch.setattr("tiny_plugins.Tiny.digest", lambda self, name: {"box0": "0", "box2": "2"}[name])
+    rows = run_rows(scenes=3)
+    found = {row["scene"]: (row["status"], row["stage"], row["error"]) for row in rows}
+    assert found["box1"] == ("failed", "scene", "KeyError: 'box1'")
+    assert found["box0"] == found["box2"] == ("ok", None, None)
+
+
+@pytest.mark.parametrize(
+    ("reason", "error"), [(Skipped("two lines:\n  of a table"), "two lines: of a table"), (Skipped, "Skipped")]
+)
+def test_a_reason_is_one_line_whatever_a_plugin_says(run_rows, monkeypatch, reason, error):
+    def skips(self, cloud, rng):
+        raise reason
+
+    monkeypatch.setattr("tiny_plugins.Fill.complete", skips)
+    (row,) = run_rows()
+    assert (row["status"], row["error"]) == ("skipped", error)
 
 
 @pytest.mark.parametrize("plugin", ["Fill", "Gap"])

@@ -116,6 +116,21 @@ def test_asked_for_by_name_it_is_an_error():
         plan(replace(TINY, completers=["tiny_fill", "tiny_missing"]))
 
 
+@pytest.mark.parametrize("method", ["__init__", "splits", "scene_names", "draws"])
+def test_whatever_a_data_set_raises_is_one_line(monkeypatch, method):
+    def cannot(self, *arguments):
+        raise FileNotFoundError("index.json\nis not there")
+
+    monkeypatch.setattr(registry().get("dataset", "tiny").load(), method, cannot)
+    told = "data set 'tiny' cannot be used: FileNotFoundError: index.json is not there"
+    with pytest.raises(PluginError) as caught:
+        plan(TINY)
+    assert str(caught.value) == f"{told} (--dataset tiny:PATH says where it lies)"
+    with pytest.raises(PluginError) as caught:
+        plan(replace(TINY, dataset="tiny:there"))
+    assert str(caught.value) == told
+
+
 def learned(monkeypatch, card, weights="0" * 64):
     """Has tiny_fill tell this of its weights."""
     cls = registry().get("completer", "tiny_fill").load()
