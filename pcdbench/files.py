@@ -58,7 +58,8 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
         # Opened here, as numpy leaves open what turns out to be no archive.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
             return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):
+    # A flipped bit may ask for a password, or for a compression that zipfile does not know: a RuntimeError.
+    except (OSError, ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile):
         return None
 
 

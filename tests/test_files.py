@@ -57,8 +57,13 @@ def test_arrays_come_back_and_a_torn_file_is_none(tmp_path: Path) -> None:
     arrays = read_arrays(path)
     assert arrays is not None
     assert arrays["points"].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
-    path.write_bytes(path.read_bytes()[:-10])
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-10])
     assert read_arrays(path) is None
+    entry = whole.index(b"PK\x01\x02")
+    for what, flipped in (("encrypted", entry + 8), ("compressed otherwise", entry + 10)):
+        path.write_bytes(whole[:flipped] + b"\x01" + whole[flipped + 1 :])
+        assert read_arrays(path) is None, what
 
 
 def test_a_full_disk_costs_a_warning_and_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

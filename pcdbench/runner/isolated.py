@@ -328,7 +328,8 @@ def _step(job: Job | None) -> Step:
         clear(output)
         _steps = _executor.steps(job.cell, job.tasks)
     # Where the parent is gone and native code hangs, nobody else ends this process.
-    faulthandler.dump_traceback_later(_begun.timeout_seconds + _LAST_RESORT_SECONDS, exit=True, file=output)
+    last_resort = min(_begun.timeout_seconds + _LAST_RESORT_SECONDS, threading.TIMEOUT_MAX)
+    faulthandler.dump_traceback_later(last_resort, exit=True, file=output)
     try:
         step = next(_steps)
     finally:

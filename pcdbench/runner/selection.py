@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -212,6 +212,7 @@ def _typed(model: type[BaseModel], key: str, text: str) -> Any:
     """The text of an option as pydantic takes it: a list or tuple is typed `1,2,3`, and None is typed `None`."""
     annotation = model.model_fields[key].annotation if key in model.model_fields else None
     alternatives = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else (annotation,)
+    alternatives = tuple(get_args(one)[0] if get_origin(one) is Annotated else one for one in alternatives)
     if NoneType in alternatives and text == "None":
         return None
     if any((get_origin(one) or one) in _SEQUENCES for one in alternatives):

@@ -126,7 +126,7 @@ class RunStore:
     def _claim(self) -> None:
         if (self.folder / RUN).exists():
             told = read_run(self.folder)
-            held = told.pop("configuration")
+            held = told.pop("configuration", {})
             if digest(held) != digest(self._configuration):
                 differences = _differences(held, self._configuration)
                 shown = "; ".join(differences[:_SHOWN_DIFFERENCES])

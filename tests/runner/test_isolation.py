@@ -214,6 +214,11 @@ def state(pid):
         return "gone"
 
 
+def test_a_limit_beyond_what_clocks_count_to_is_none(run_rows):
+    rows = run_rows(levels=[0.1], limits=Limits(timeout_seconds=1e300))
+    assert rows[0.1, "tiny_blind"]["status"] == "ok"
+
+
 def test_memory_that_earlier_cells_left_behind_is_not_held_against_a_cell(run_rows):
     rows = run_rows(f"tiny_troubled.how={','.join(['hoard'] * 6)}", levels=TENTHS[:6])
     assert [row["status"] for row in rows.values()] == ["ok"] * 6, "0.2 GB each, together twice the limit"

@@ -1,6 +1,6 @@
 """Options are checked before anything runs, and an error names the option and its cure."""
 
-from typing import Self
+from typing import Annotated, Self
 
 import pytest
 from pydantic import Field, model_validator
@@ -72,6 +72,7 @@ class Various(Options):
     limit: float | None = 3.0
     few: tuple[str, ...] | None = None
     on: bool = False
+    some: Annotated[list[int], Field(min_length=2)] | None = None
 
 
 @pytest.mark.parametrize(
@@ -85,6 +86,8 @@ class Various(Options):
         ("limit", "None", None),
         ("limit", "0.5", 0.5),
         ("few", "a,b", ("a", "b")),
+        ("some", "1,2", [1, 2]),
+        ("some", "None", None),
         ("on", "true", True),
     ],
 )

@@ -103,6 +103,12 @@ def test_another_run_is_not_mixed_in_and_the_difference_is_named(tmp_path, chang
         assert store.rows().finished_keys == {"a"}
 
 
+def test_a_run_that_does_not_say_what_it_is_is_another_one(tmp_path):
+    (tmp_path / "run.json").write_text('{"schema_version": 1}')
+    with pytest.raises(PcdbenchError, match=r"holds another run \(levels: none in that run"):
+        RunStore(tmp_path, {"levels": [0.1]}, {}).__enter__()
+
+
 def test_another_run_of_a_completer_with_a_model_card_is_told_too(tmp_path):
     def completer(hours: float) -> dict:
         return {"completers": [{"name": "learned", "card": {"curve": [{"step": 1, "hours": hours}]}}]}
