@@ -58,12 +58,7 @@ class RunStore:
     def __enter__(self) -> RunStore:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = FileLock(self.folder / _LOCK)
-            self._lock.acquire(timeout=0)
-        except Timeout:
-            raise PcdbenchError(
-                f"{self.folder} is in use by another pcdbench; wait for it to end or give another --out"
-            ) from None
+            self._lock = claimed(self.folder)
         except OSError as error:
             raise PcdbenchError(f"{self.folder} cannot be written ({error.strerror}); give another --out") from error
         try:
@@ -142,6 +137,23 @@ class RunStore:
     def _write_run(self) -> None:
         content = {**self._facts, "schema_version": SCHEMA_VERSION, "configuration": self._configuration}
         write_text(self.folder / RUN, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+
+
+def claimed(folder: Path) -> FileLock:
+    """The lock of a folder that is there: until it is released, or this process ends, no other one gets it.
+
+    Raises:
+        PcdbenchError: where another one has it.
+        OSError: where the folder cannot be written.
+    """
+    lock = FileLock(folder / _LOCK)
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise PcdbenchError(
+            f"{folder} is in use by another pcdbench; wait for it to end or give another --out"
+        ) from None
+    return lock
 
 
 def read_run(folder: Path) -> dict[str, Any]:

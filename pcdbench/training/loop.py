@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from accelerate import Accelerator
 from accelerate.utils import broadcast
+from filelock import FileLock
 from pydantic import TypeAdapter, ValidationError
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, Dataset
@@ -24,6 +25,7 @@ from pcdbench.files import UNFINISHED
 from pcdbench.keys import seed_from
 from pcdbench.options import Options
 from pcdbench.runner.cards import seen_along
+from pcdbench.runner.store import claimed
 from pcdbench.threads import children_limited, thread_count
 from pcdbench.training.checkpoint import load_checkpoint, save_checkpoint, save_weights
 from pcdbench.training.curve import Curve
@@ -199,8 +201,8 @@ def train(
     Raises:
         PcdbenchError: where the checkpoint, or `start`, is of another network, where the checkpoint is of another seed,
             preset, options or `start`, where boards could not read the card of `start`, where `validate` would have no
-            completer to ask, where there is no GPU for `cuda`, where `out` cannot be made or written, or where the
-            loss is not finite any more or a loader process dies.
+            completer to ask, where there is no GPU for `cuda`, where `out` cannot be made or written or another
+            training is at it, or where the loss is not finite any more or a loader process dies.
     """
     preset = trainee.presets["default"] if preset is None else preset
     stream = PairStream() if stream is None else stream
@@ -212,10 +214,6 @@ def train(
     torch.set_num_threads(thread_count())
     accelerator = Accelerator(mixed_precision="bf16" if bfloat16_pays(device) else "no", cpu=device == "cpu")
     state = _State.begun(trainee, out, preset, start)
-    # Of several processes one alone writes: what another has not finished would be taken for torn.
-    if accelerator.is_main_process:
-        for torn in out.glob(UNFINISHED):
-            torn.unlink()
     goes_on = resume and state.checkpoint.exists()
     if goes_on:
         state.resume(name)
@@ -225,8 +223,8 @@ def train(
         _require_same(state.checkpoint, progress, stream.seed, preset, given, trainee.presets)
         if start is not None and (progress.begun_from or {}).get("sha256") != start.digest:
             raise PcdbenchError(f"{state.checkpoint} did not begin from {start.path}; go on without --from")
-    if accelerator.is_main_process:
-        state.curve.cut(progress.step if goes_on else -1)
+    # Of several processes one alone writes: what another has not finished would be taken for torn.
+    lock = state.claimed(goes_on) if accelerator.is_main_process else None
     progress.seed, progress.name = stream.seed, name or progress.name
     progress.preset, progress.options = preset, given
     network, state.optimizer = accelerator.prepare(state.network, state.optimizer)
@@ -277,6 +275,9 @@ def train(
             f"a process that prepares examples has died ({error}), most likely for want of memory; give fewer "
             "--workers, and go on from the last checkpoint with --resume"
         ) from error
+    finally:
+        if lock is not None:
+            lock.release()
     return progress
 
 
@@ -316,6 +317,14 @@ class _State:
         """Go on from the checkpoint, which is that of a training of this name."""
         self.progress = resumed(self.checkpoint, self.network, self.average, self.optimizer, name)
         self.held = self.progress.step
+
+    def claimed(self, goes_on: bool) -> FileLock:
+        """The folder's lock; what a training that was stopped left there, and this one makes again, is gone."""
+        lock = claimed(self.out)
+        for torn in self.out.glob(UNFINISHED):
+            torn.unlink()
+        self.curve.cut(self.progress.step if goes_on else -1)
+        return lock
 
     def save(self, draw: bool = False) -> None:
         """Keep all of it, the curve's picture if asked for."""

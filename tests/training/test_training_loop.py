@@ -28,6 +28,7 @@ from pcdbench.errors import PcdbenchError
 from pcdbench.files import keep
 from pcdbench.options import Options
 from pcdbench.runner.cards import checked_card
+from pcdbench.runner.store import claimed
 from pcdbench.training import loop
 from pcdbench.training import truths as truths_module
 from pcdbench.training.card import write_card
@@ -502,6 +503,18 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, monkeypatch
     monkeypatch.setattr("os.access", lambda *_: False)  # tests of whom everything is allowed find no such folder
     with pytest.raises(PcdbenchError, match="cannot be written; give another folder"):
         trained(tmp_path, 1)
+
+
+def test_a_folder_belongs_to_one_training_at_a_time(tmp_path: Path) -> None:
+    trained(tmp_path, 1)
+    (tmp_path / ".unfinished-abcd.safetensors").touch()  # what the other one is writing
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    lock = claimed(tmp_path)
+    with pytest.raises(PcdbenchError, match=r"is in use by another pcdbench; wait for it to end"):
+        trained(tmp_path, 2, resume=True)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    lock.release()
+    assert trained(tmp_path, 2, resume=True).step == 2
 
 
 def test_no_time_to_train_is_one_line(tmp_path: Path) -> None:
