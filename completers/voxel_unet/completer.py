@@ -54,7 +54,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         )
 
     options: Options
-    version = "5"
+    version = "6"
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
 
     def __init__(
