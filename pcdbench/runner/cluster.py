@@ -8,6 +8,7 @@ loaded, where they are used.
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import os
 import time
@@ -90,6 +91,9 @@ def dask_cluster(
         from distributed import Client
     except ImportError:
         raise PcdbenchError("--executor dask needs Dask; install it: pip install 'pcdbench[dask]'") from None
+    # A client that could not connect ends when Python collects it, under a lock that the start of another one holds:
+    # collected then, it would wait for ever (distributed 2026.8).
+    gc.collect()
     with contextlib.ExitStack() as stack:
         if scheduler is None:
             client = stack.enter_context(_workers_of_this_machine(workers or thread_count()))
