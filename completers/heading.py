@@ -48,8 +48,6 @@ def wall_heading(points: NDArray[np.float64], tree: cKDTree | None = None) -> fl
     for _ in range(STEPS):
         # Bins have edges, walls have none: from the fullest ones on the mean of what is near moves there (mean shift).
         near = np.abs(np.angle(fourfold * np.exp(-4j * heading))) < 4 * REACH
-        if not near.any():
-            break
         heading = float(np.angle(fourfold[near].sum()) / 4)
     return heading
 
