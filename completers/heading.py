@@ -1,4 +1,4 @@
-"""How a room is turned: the heading of its walls, and the turn that lays them along the axes."""
+"""How a room is turned: the heading of its walls."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pcdbench.cloud import PointCloud
+from pcdbench.geometry.poses import rotation_about
 
 from .local_surface import unoriented_normals
 
@@ -52,14 +53,8 @@ def wall_heading(points: NDArray[np.float64], tree: cKDTree | None = None) -> fl
     return heading
 
 
-def about_z(angle: float) -> NDArray[np.float64]:
-    """(3, 3) the rotation about z by an angle, radians, counterclockwise seen from above."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-
-
 def laid_along_axes(pair: TrainingPair) -> TrainingPair:
     """A training pair turned as a completer turns what was observed of it."""
-    R_room_scan = about_z(-wall_heading(pair.complete.points[pair.kept]))
+    R_room_scan = rotation_about("z", -wall_heading(pair.complete.points[pair.kept]))
     truth, complete = (PointCloud(cloud.points @ R_room_scan.T, cloud.colors) for cloud in (pair.truth, pair.complete))
     return replace(pair, truth=truth, complete=complete)

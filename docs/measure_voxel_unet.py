@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pcdbench_completers.heading import about_z, wall_heading
+from pcdbench_completers.heading import wall_heading
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.voxel_unet.completer import (
     LEAST_LIKELY,
@@ -33,6 +33,7 @@ from pcdbench.case import Case, make_case
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
+from pcdbench.geometry.poses import rotation_about
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.training.validation import capped_chd
 
@@ -84,7 +85,7 @@ def reliability(measured: list[Case]) -> NDArray[np.float64]:
     completer: Any = VoxelUNetCompleter()
     sums = np.zeros((3, BINS))
     for case in measured:
-        R_room_scan = about_z(-wall_heading(case.cloud.points))
+        R_room_scan = rotation_about("z", -wall_heading(case.cloud.points))
         cloud = PointCloud(case.cloud.points @ R_room_scan.T, case.cloud.colors)
         spacing_m = surface_spacing(cloud.points)
         grid = Grid.around(cloud.points, VOXEL_SPACINGS * spacing_m)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
+from pcdbench.geometry.poses import rotation_about
 
 if TYPE_CHECKING:
     from pcdbench.geometry.visibility import MeshRaycaster
@@ -37,9 +38,7 @@ class Box:
 
     def to_local(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The (N, 3) points in the box's own frame: origin at its centre, axes along its sides."""
-        cos, sin = np.cos(self.yaw_rad), np.sin(self.yaw_rad)
-        R_scene_box = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        return (np.asarray(points) - self.center) @ R_scene_box
+        return (np.asarray(points) - self.center) @ rotation_about("z", self.yaw_rad)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,10 +12,11 @@ from pydantic import Field
 
 import pcdbench
 from pcdbench.geometry.neighbors import loose_tree
+from pcdbench.geometry.poses import rotation_about
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
-from ..heading import about_z, wall_heading
+from ..heading import wall_heading
 from ..inpainting import colors_around
 from ..local_surface import spread_evenly, surface_spacing
 from ..prism import BEYOND
@@ -84,7 +85,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         spacing_m = surface_spacing(centered, tree) if len(cloud) >= FEWEST_POINTS else 0.0
         if spacing_m == 0.0:
             return cloud, np.ones(len(cloud), np.float32)
-        R_room_scan = about_z(-wall_heading(centered, tree))
+        R_room_scan = rotation_about("z", -wall_heading(centered, tree))
         local = pcdbench.PointCloud(centered @ R_room_scan.T, cloud.colors)
         grid = Grid.around(local.points, self._voxel_spacings * spacing_m)
         threshold = self.options.threshold

@@ -30,6 +30,16 @@ def pose(position: ArrayLike, yaw_rad: float = 0.0, pitch_rad: float = 0.0) -> P
     return T_scene_sensor
 
 
+def rotation_about(axis: str, angle_rad: float) -> NDArray[np.float64]:
+    """(3, 3) right-handed rotation about a coordinate axis `x`, `y` or `z`."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    rotation = np.eye(3)
+    rotation[first, first] = rotation[second, second] = cosine
+    rotation[first, second], rotation[second, first] = -sine, sine
+    return rotation
+
+
 def transform(T_target_source: Pose, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """The (N, 3) points of the source frame, in the target frame."""
     return points @ T_target_source[:3, :3].T + T_target_source[:3, 3]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
 from pcdbench.geometry.neighbors import nearest
+from pcdbench.geometry.poses import rotation_about
 from pcdbench.geometry.sampling import first_of_each
 from pcdbench.training.truths import Truth
 
@@ -286,9 +287,7 @@ def with_ghosts(truth: Truth, rng: np.random.Generator) -> Truth:
 def reposed(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
     """The cloud turned to any heading, mirrored or not, and scaled by 0.8 to 1.25."""
     yaw = rng.uniform(0, 2 * np.pi) if rng.random() < 0.7 else rng.integers(4) * np.pi / 2
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    mirror = rng.choice([-1.0, 1.0])
-    R_new_old = np.array([[cos, -sin * mirror, 0.0], [sin, cos * mirror, 0.0], [0.0, 0.0, 1.0]])
+    R_new_old = rotation_about("z", yaw) * (1.0, rng.choice([-1.0, 1.0]), 1.0)
     scale = np.exp(rng.uniform(np.log(0.8), np.log(1.25)))
     return PointCloud(cloud.points @ R_new_old.T * scale, cloud.colors)
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.cloud import PointCloud
+from pcdbench.geometry.poses import rotation_about
 
 _BACKGROUND = (1.0, 1.0, 1.0)
 _MISSING = (1.0, 0.72, 0.42)
@@ -111,10 +112,8 @@ def from_above(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
 
 def at_a_slant(cloud: PointCloud, frame: PointCloud) -> NDArray[np.float64]:
     """(H, W, 3) picture in [0, 1] of a cloud without its ceiling at a slant, at the frame's extent."""
-    slant, turn = np.deg2rad(_SLANT_DEG), np.deg2rad(_TURN_DEG)
-    about_z = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
-    about_x = np.array([[1, 0, 0], [0, np.cos(slant), np.sin(slant)], [0, -np.sin(slant), np.cos(slant)]])
-    return _view(cloud, frame, about_x @ about_z)
+    slanted, turned = rotation_about("x", -np.deg2rad(_SLANT_DEG)), rotation_about("z", np.deg2rad(_TURN_DEG))
+    return _view(cloud, frame, slanted @ turned)
 
 
 def _view(cloud: PointCloud, frame: PointCloud, R_view_scene: NDArray[np.float64]) -> NDArray[np.float64]:

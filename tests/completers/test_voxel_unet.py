@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from pcdbench_completers.heading import about_z
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.prism import Prism
 from pcdbench_completers.voxel_unet import tiles
@@ -30,6 +29,7 @@ from scipy.spatial import cKDTree
 import pcdbench
 from pcdbench.cloud import PointCloud
 from pcdbench.geometry.chamfer import CloudDistances
+from pcdbench.geometry.poses import rotation_about
 from pcdbench.geometry.sampling import apart_indices, poisson_disk_indices
 from pcdbench.testing import check_completer
 from pcdbench.training.stream import TrainingPair
@@ -442,7 +442,7 @@ def test_it_needs_no_colour_and_moves_with_the_cloud() -> None:
 @trained
 def test_a_turned_room_is_read_as_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
     cloud = with_hole(room(9000), (4.5, 2.0, 0.0), 0.8)
-    turn = about_z(np.radians(33.0))
+    turn = rotation_about("z", np.radians(33.0))
     grids: list[Grid] = []
     around = Grid.around
     monkeypatch.setattr(Grid, "around", lambda *args: grids.append(around(*args)) or grids[-1])
@@ -459,7 +459,7 @@ def test_a_turned_room_is_read_as_it_was(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_what_is_learned_lies_along_the_axes() -> None:
-    turn = about_z(np.radians(-25.0))
+    turn = rotation_about("z", np.radians(-25.0))
     its = pair()
     turned = TrainingPair(
         PointCloud(its.truth.points @ turn.T, its.truth.colors),

@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pcdbench.geometry.poses import absolute_errors, inverse, pose, relative_errors, rotation_angles_deg, transform
+from pcdbench.geometry.poses import (
+    absolute_errors,
+    inverse,
+    pose,
+    relative_errors,
+    rotation_about,
+    rotation_angles_deg,
+    transform,
+)
 
 
 def trajectory(seed, count=20):
@@ -71,3 +79,12 @@ def test_trajectory_errors_agree_with_evo():
         theirs = metrics.RPE(relation, 1, metrics.Unit.frames, all_pairs=True)
         theirs.process_data(data)
         assert ours == pytest.approx(theirs.error)
+
+
+@pytest.mark.parametrize(("axis", "one", "other"), [("x", 1, 2), ("y", 2, 0), ("z", 0, 1)])
+def test_a_turn_about_an_axis_leads_from_the_next_one_to_the_one_after(axis, one, other):
+    np.testing.assert_allclose(rotation_about(axis, np.pi / 2) @ np.eye(3)[one], np.eye(3)[other], atol=1e-15)
+
+
+def test_a_turn_about_z_leads_from_x_towards_y():
+    np.testing.assert_allclose(rotation_about("z", np.pi / 2) @ (1.0, 0.0, 2.0), (0.0, 1.0, 2.0), atol=1e-15)

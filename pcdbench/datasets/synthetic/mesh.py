@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pcdbench.datasets.synthetic.materials import material_id
+from pcdbench.geometry.poses import rotation_about
 
 Floats = NDArray[np.float64]
 
@@ -100,13 +101,3 @@ def _edge_products(vertices: Floats, triangles: NDArray[np.int64]) -> tuple[Floa
     corners = vertices.T[:, triangles]
     (ax, ay, az), (bx, by, bz) = corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-def rotation_about(axis: str, angle_rad: float) -> Floats:
-    """(3, 3) right-handed rotation about a coordinate axis `x`, `y` or `z`."""
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    first, second = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    rotation = np.eye(3)
-    rotation[first, first] = rotation[second, second] = cosine
-    rotation[first, second], rotation[second, first] = -sine, sine
-    return rotation
