@@ -23,8 +23,12 @@ def audit(
     task: Annotated[str, typer.Argument(help="Tasks, separated by commas, or all.")],
     dataset: Annotated[str, typer.Option(help="A data set, NAME or NAME:PATH.")] = "indoor",
     split: Annotated[str | None, typer.Option(help=f"A split of it (unless given: {_SPLIT} or its default).")] = None,
-    incompleteness: Annotated[str, typer.Option(help="Ways to take points away, separated by commas.")] = "holes",
-    level: Annotated[str, typer.Option(help="Shares of points to take away.")] = "0.1,0.3,0.5",
+    incompleteness: Annotated[
+        list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
+    ] = None,
+    level: Annotated[
+        list[str] | None, typer.Option(help="Shares of points to take away (unless given: 0.1,0.3,0.5).")
+    ] = None,
     seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
     jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
     option: Annotated[
@@ -40,17 +44,17 @@ def audit(
     sample and of the highest level must not touch. Exit code 1 where this does not hold.
     """
     from pcdbench.leaderboard.audit import CEILING, FLOOR, TRUTH, audits
-    from pcdbench.runner.plan import Request, default_split, plan
+    from pcdbench.runner.plan import DEFAULT_LEVELS, Request, default_split, plan
     from pcdbench.runner.run import carry_out, local_processes
 
     planned = plan(
         Request(
             completers=(TRUTH, CEILING, FLOOR),
-            tasks=names(task),
+            tasks=names([task]),
             dataset=dataset,
             split=split or default_split(dataset, option or (), preferred=_SPLIT),
-            incompletenesses=names(incompleteness),
-            levels=levels(level),
+            incompletenesses=names(incompleteness or ["holes"]),
+            levels=levels(level) if level else DEFAULT_LEVELS,
             seed=seed,
             options=option or (),
             references=False,

@@ -72,9 +72,11 @@ def export(
     dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
     split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
     incompleteness: Annotated[
-        str | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
+        list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")] = None,
+    level: Annotated[
+        list[str] | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Decides every random draw (unless given: 0).")] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")
@@ -89,7 +91,7 @@ def export(
     from pcdbench.runner.exporting import cases, exported
     from pcdbench.runner.plan import plan, reference_names
 
-    references, tasks = (None, None) if suite else (",".join(reference_names()), "all")
+    references, tasks = (None, None) if suite else (reference_names(), ["all"])
     asked = requests_of(suite, references, tasks, dataset, split, incompleteness, level, seed, option or ())
     to_write = cases(plan(_without_completers(request)) for request in asked)
     written = list(exported(with_bar(to_write, "exporting"), out, format))

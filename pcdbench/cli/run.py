@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 STOPPED = "pcdbench: stopped; finished cells are stored, and the same command goes on from there"
 
 
-def names(text: str) -> list[str]:
-    """The comma-separated names of an option."""
-    return [name.strip() for name in text.split(",") if name.strip()]
+def names(texts: Sequence[str]) -> list[str]:
+    """The comma-separated names of an option, which may be given several times."""
+    return [name.strip() for text in texts for name in text.split(",") if name.strip()]
 
 
-def levels(text: str) -> list[float]:
-    """The comma-separated levels of an option.
+def levels(texts: Sequence[str]) -> list[float]:
+    """The comma-separated levels of an option, which may be given several times.
 
     Raises:
         PcdbenchError: for what is not a number.
@@ -34,21 +34,23 @@ def levels(text: str) -> list[float]:
     from pcdbench.errors import PcdbenchError
 
     try:
-        return [float(level) for level in names(text)]
+        return [float(level) for level in names(texts)]
     except ValueError:
-        raise PcdbenchError(f"--level {text!r} must be numbers between 0 and 1, like 0.1,0.3,0.5") from None
+        raise PcdbenchError(f"--level {','.join(texts)!r} must be numbers between 0 and 1, like 0.1,0.3,0.5") from None
 
 
 def run(
     suite: Annotated[Path | None, typer.Argument(help="A suite: a TOML file that says what to measure.")] = None,
-    completer: Annotated[str | None, typer.Option(help="Completers, separated by commas, or all.")] = None,
-    task: Annotated[str | None, typer.Option(help="Tasks, separated by commas, or all.")] = None,
+    completer: Annotated[list[str] | None, typer.Option(help="Completers, separated by commas, or all.")] = None,
+    task: Annotated[list[str] | None, typer.Option(help="Tasks, separated by commas, or all.")] = None,
     dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
     split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
     incompleteness: Annotated[
-        str | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
+        list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
     ] = None,
-    level: Annotated[str | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")] = None,
+    level: Annotated[
+        list[str] | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Decides every random draw (unless given: 0).")] = None,
     jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
     timeout: Annotated[float, typer.Option(help="Seconds for a step: making a case, completing, a task.")] = 600.0,
@@ -135,12 +137,12 @@ def _place_for_cells(
 
 def requests_of(
     suite: Path | None,
-    completer: str | None,
-    task: str | None,
+    completer: Sequence[str] | None,
+    task: Sequence[str] | None,
     dataset: str | None,
     split: str | None,
-    incompleteness: str | None,
-    level: str | None,
+    incompleteness: Sequence[str] | None,
+    level: Sequence[str] | None,
     seed: int | None,
     options: Sequence[str],
 ) -> list[Request]:

@@ -187,6 +187,15 @@ def test_a_table_that_no_disk_takes_is_one_line(tiny_plugins):
     assert ended.stderr == "pcdbench: what is printed cannot be written (No space left on device); make room there\n"
 
 
+def test_names_that_are_given_one_by_one_all_count(run, tmp_path):
+    tiny = [*TINY, "--option", "tiny.scenes=1"]
+    run("run", "--completer", "tiny_fill,incomplete", "--task", "tiny_gap,tiny_blind", "--level", "0.1,0.2", *tiny)
+    (together,) = (tmp_path / "runs").iterdir()
+    one_by_one = ["--completer", "tiny_fill", "--completer", "incomplete", "--task", "tiny_gap", "--task", "tiny_blind"]
+    assert "rows:" in run("run", *one_by_one, "--level", "0.1", "--level", "0.2", *tiny).stderr
+    assert list((tmp_path / "runs").iterdir()) == [together] and len(outcome(together)) > 0
+
+
 def test_a_terminal_without_utf8_gets_escapes(tmp_path, run):
     arguments = ["--completer", "tiny_fill", "--task", "tiny_gap", "--level", "0.1", "--option", "tiny.scenes=1"]
     run("run", *arguments, *TINY, "--out", "küche")
