@@ -1,8 +1,9 @@
-"""How a room is turned: the heading of its walls."""
+"""How a room is turned: the heading of its walls, and the frame in which they lie along the axes."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -53,8 +54,38 @@ def wall_heading(points: NDArray[np.float64], tree: cKDTree | None = None) -> fl
     return heading
 
 
+@dataclass(frozen=True, eq=False)
+class RoomFrame:
+    """The frame in which a room is completed, so that it is completed alike however its scan is turned.
+
+    Attributes:
+        origin: (3,) metres, in the scan's frame: the mean of what was observed.
+        heading: radians, of the walls in the scan's frame; here they lie along the x and y axes.
+    """
+
+    origin: NDArray[np.float64]
+    heading: float
+
+    @classmethod
+    def of(cls, points: NDArray[np.float64]) -> RoomFrame:
+        """That of the room that (N, 3) points were observed of, N at least 1, metres, z up."""
+        origin = points.mean(axis=0)
+        return cls(origin, wall_heading(points - origin))
+
+    def laid(self, cloud: PointCloud) -> PointCloud:
+        """A cloud of the scan's frame in this one."""
+        return PointCloud((cloud.points - self.origin) @ self._R_room_scan.T, cloud.colors)
+
+    def back(self, cloud: PointCloud) -> PointCloud:
+        """A cloud of this frame in the scan's."""
+        return PointCloud(cloud.points @ self._R_room_scan + self.origin, cloud.colors)
+
+    @cached_property
+    def _R_room_scan(self) -> NDArray[np.float64]:
+        return rotation_about("z", -self.heading)
+
+
 def laid_along_axes(pair: TrainingPair) -> TrainingPair:
-    """A training pair turned as a completer turns what was observed of it."""
-    R_room_scan = rotation_about("z", -wall_heading(pair.complete.points[pair.kept]))
-    truth, complete = (PointCloud(cloud.points @ R_room_scan.T, cloud.colors) for cloud in (pair.truth, pair.complete))
-    return replace(pair, truth=truth, complete=complete)
+    """A training pair in the frame in which a completer completes what was observed of it."""
+    frame = RoomFrame.of(pair.complete.points[pair.kept])
+    return replace(pair, truth=frame.laid(pair.truth), complete=frame.laid(pair.complete))

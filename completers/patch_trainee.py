@@ -9,6 +9,7 @@ from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Trainee
 
+from .heading import laid_along_axes
 from .patch_truth import TRUTH_POINTS, evenly, true_patches
 from .patches import Patches
 from .patchwise import PatchwiseOptions
@@ -31,6 +32,7 @@ class PatchTrainee(Trainee):
 
     def patches(self, pair: TrainingPair, rng: np.random.Generator) -> Example:
         """`points` (P, 1024, 3) of some patches, and their truth: `truth` (U, 3) of the patches `truth_of` (U,)."""
+        pair = laid_along_axes(pair)
         every = Patches.of(pair.complete.select(pair.kept).points, self.options.grid, rng)
         assert every is not None  # the fullest of G x G cells holds a mean cell's points at least
         some = every.select(np.sort(rng.permutation(len(every.number))[:PATCHES]))

@@ -14,6 +14,7 @@ from pcdbench.geometry.neighbors import loose_tree, nearest
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
+from .heading import RoomFrame
 from .inpainting import colors_around
 from .local_surface import spread_evenly, surface_spacing, unoriented_normals
 from .patches import Patches
@@ -58,19 +59,26 @@ class PatchwiseOptions(pcdbench.Options):
 
 
 class PatchwiseCompleter(LearnedCompleter):
-    """Cuts the cloud into patches, has a network complete them and puts the patches together again."""
+    """Cuts the cloud into patches, has a network complete them and puts the patches together again.
+
+    The room is turned until its walls lie along the axes, and what is found is turned back: so a room is cut and
+    completed alike, however its scan is turned.
+    """
 
     Options: ClassVar[type[pcdbench.Options]] = PatchwiseOptions
     options: PatchwiseOptions
 
     def complete(self, cloud: pcdbench.PointCloud, rng: np.random.Generator) -> pcdbench.PointCloud:
+        frame = RoomFrame.of(cloud.points)
         for _ in range(self.options.passes):
-            patches = Patches.of(cloud.points, self.options.grid, rng)
+            room = frame.laid(cloud)
+            patches = Patches.of(room.points, self.options.grid, rng)
             if patches is None:
                 return cloud
-            if not self.options.keep_observed:
-                return self.found(cloud, patches, rng)
-            found = self.found(cloud if self.paints else cloud.without_colors(), patches, rng)
+            keep = self.options.keep_observed
+            found = frame.back(self.found(room.without_colors() if keep and not self.paints else room, patches, rng))
+            if not keep:
+                return found
             cloud = merged(cloud, found, self.options.clearance_spacings, rng)
         return cloud
 
@@ -81,7 +89,7 @@ class PatchwiseCompleter(LearnedCompleter):
 
     @abstractmethod
     def found(self, cloud: pcdbench.PointCloud, patches: Patches, rng: np.random.Generator) -> pcdbench.PointCloud:
-        """The network's own cloud, in metres, coloured where the given one is."""
+        """The network's own cloud, in metres, coloured where the given one is; walls lie along the axes."""
 
 
 class LonePatchCompleter(PatchwiseCompleter):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pcdbench_completers.heading import wall_heading
+from pcdbench_completers.heading import RoomFrame
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.voxel_unet.completer import (
     LEAST_LIKELY,
@@ -33,7 +33,6 @@ from pcdbench.case import Case, make_case
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
-from pcdbench.geometry.poses import rotation_about
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.training.validation import capped_chd
 
@@ -85,13 +84,13 @@ def reliability(measured: list[Case]) -> NDArray[np.float64]:
     completer: Any = VoxelUNetCompleter()
     sums = np.zeros((3, BINS))
     for case in measured:
-        R_room_scan = rotation_about("z", -wall_heading(case.cloud.points))
-        cloud = PointCloud(case.cloud.points @ R_room_scan.T, case.cloud.colors)
+        frame = RoomFrame.of(case.cloud.points)
+        cloud = frame.laid(case.cloud)
         spacing_m = surface_spacing(cloud.points)
         grid = Grid.around(cloud.points, VOXEL_SPACINGS * spacing_m)
         found = unobserved(predict(completer._network, cloud, grid, LEAST_LIKELY), cloud, grid, spacing_m)
         found = given_what_is_missing(found, cloud, grid)
-        dense = case.scene.dense.points @ R_room_scan.T
+        dense = frame.laid(case.scene.dense).points
         shape = 2 * np.array(grid.shape)
         occupied = np.zeros(shape, np.bool_)
         occupied.reshape(-1)[grid.cells(dense[grid.holds(dense)], per_edge=2)[0]] = True

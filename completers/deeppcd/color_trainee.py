@@ -16,6 +16,7 @@ from pcdbench.options import Options
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
+from ..heading import RoomFrame, laid_along_axes
 from ..patch_trainee import PATCHES
 from ..patch_truth import true_rows
 from ..patches import Patches
@@ -76,6 +77,7 @@ class ColorTrainee(Trainee):
         """Some observed patches with colours and neighbourhoods, and `truth` (P, 512, 3) points of the same patches
         with `truth_colors` (P, 512, 3).
         """
+        pair = laid_along_axes(pair)
         observed = pair.complete.select(pair.kept)
         every = Patches.of(observed.points, self.options.grid, rng)
         assert every is not None  # the fullest of G x G cells holds a mean cell's points at least
@@ -126,8 +128,10 @@ class _PaintedAnew(pcdbench.Completer):
         self._network, self._grid = network, grid
 
     def complete(self, cloud: pcdbench.PointCloud, rng: np.random.Generator) -> pcdbench.PointCloud:
-        patches = Patches.of(cloud.points, self._grid, rng)
-        if patches is None or cloud.colors is None:
+        if cloud.colors is None:
+            return cloud
+        patches = Patches.of(RoomFrame.of(cloud.points).laid(cloud).points, self._grid, rng)
+        if patches is None:
             return cloud
         scaled = (patches.low[:, None] + patches.scale * patches.points).reshape(-1, 3)
         colors = cloud.colors.copy()

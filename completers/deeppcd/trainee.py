@@ -16,6 +16,7 @@ from pcdbench.training.chamfer import matched
 from pcdbench.training.stream import TrainingPair
 from pcdbench.training.trainee import Example, Preset, Trainee
 
+from ..heading import laid_along_axes
 from ..local_surface import unoriented_normals
 from ..patch_truth import TRUTH_POINTS, distances_by_patch, evenly, true_patches
 from ..patches import Patches
@@ -40,6 +41,7 @@ class DeepPCDTrainee(Trainee):
 
     presets: ClassVar[Mapping[str, Preset]] = {
         "default": Preset(learning_rate=1e-3, batch=2),
+        "continued": Preset(learning_rate=4e-4, batch=2),  # weights that are good already are not undone first
         "published": Preset(
             learning_rate=3e-4,
             batch=2,
@@ -71,6 +73,7 @@ class DeepPCDTrainee(Trainee):
         of the grid, `patch_truth` (U, 3) of the patches `patch_of` (U,), scaled as they are, and `normals`
         (P, S, 3) of the true surface nearest to the S points that planes are placed at.
         """
+        pair = laid_along_axes(pair)
         observed = pair.complete.select(pair.kept)
         patches = Patches.of(observed.points, self.options.grid, rng)
         assert patches is not None  # the fullest of G x G cells holds a mean cell's points at least

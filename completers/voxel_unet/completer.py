@@ -12,11 +12,10 @@ from pydantic import Field
 
 import pcdbench
 from pcdbench.geometry.neighbors import loose_tree
-from pcdbench.geometry.poses import rotation_about
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
-from ..heading import wall_heading
+from ..heading import RoomFrame, wall_heading
 from ..inpainting import colors_around
 from ..local_surface import spread_evenly, surface_spacing
 from ..prism import BEYOND
@@ -85,8 +84,8 @@ class VoxelUNetCompleter(LearnedCompleter):
         spacing_m = surface_spacing(centered, tree) if len(cloud) >= FEWEST_POINTS else 0.0
         if spacing_m == 0.0:
             return cloud, np.ones(len(cloud), np.float32)
-        R_room_scan = rotation_about("z", -wall_heading(centered, tree))
-        local = pcdbench.PointCloud(centered @ R_room_scan.T, cloud.colors)
+        frame = RoomFrame(origin, wall_heading(centered, tree))
+        local = frame.laid(cloud)
         grid = Grid.around(local.points, self._voxel_spacings * spacing_m)
         threshold = self.options.threshold
         may_pass = threshold / (threshold + MAX_SHIFT * (1 - threshold))
@@ -94,9 +93,8 @@ class VoxelUNetCompleter(LearnedCompleter):
         found = given_what_is_missing(unobserved(found, local, grid, spacing_m), local, grid)
         found = found.select(found.probability > threshold)
         added, confidence = surface_points(local, found, spacing_m, rng)
-        added = pcdbench.PointCloud(added.points @ R_room_scan + origin, added.colors)
         both = np.concatenate([np.ones(len(cloud), np.float32), confidence])
-        return pcdbench.PointCloud.concatenate([cloud, added]), both
+        return pcdbench.PointCloud.concatenate([cloud, frame.back(added)]), both
 
 
 def unobserved(found: Prediction, cloud: pcdbench.PointCloud, grid: Grid, spacing_m: float) -> Prediction:

@@ -12,6 +12,7 @@ from pcdbench_completers.deeppcd.completer import DeepPCD, DeepPCDMerged, DeepPC
 from pcdbench_completers.deeppcd.network import DeepPCDNetwork
 from pcdbench_completers.foldingnet.completer import FoldingNet
 from pcdbench_completers.foldingnet.network import FoldingNetNetwork
+from pcdbench_completers.heading import RoomFrame
 from pcdbench_completers.local_surface import surface_spacing
 from pcdbench_completers.patchwise import PatchwiseCompleter, PatchwiseOptions, merged
 from pcdbench_completers.pcn.completer import PCN
@@ -24,6 +25,7 @@ from typer.testing import CliRunner
 from pcdbench import PcdbenchError, PointCloud
 from pcdbench.cli import app, list_, run
 from pcdbench.geometry.neighbors import nearest
+from pcdbench.geometry.poses import rotation_about
 from pcdbench.plugins import Registration, Registry, load_target
 from pcdbench.runner.plan import Request, plan
 from pcdbench.testing import check_completer
@@ -155,17 +157,21 @@ class Creeping(PatchwiseCompleter):
 
     Options = PatchwiseOptions
 
+    def __init__(self, options, floor):
+        super().__init__(options)
+        self.floor = floor
+
     def found(self, cloud, patches, rng):
-        floor = box_room(20_000).points
-        return PointCloud(floor[nearest(floor, cloud.points)[0] < 0.5])
+        return self.floor.select(nearest(self.floor.points, cloud.points)[0] < 0.5)
 
 
 def test_a_second_pass_goes_on_from_what_the_first_one_added():
     hole = np.array([3.0, 2.0, 0.0])
     room = far_from(box_room(8000), [hole.tolist()], 1.2).without_colors()
+    floor = RoomFrame.of(room.points).laid(box_room(20_000).without_colors())
 
     def reached(passes):
-        result = Creeping(PatchwiseOptions(grid=2, keep_observed=True, passes=passes)).complete(room, rng())
+        result = Creeping(PatchwiseOptions(grid=2, keep_observed=True, passes=passes), floor).complete(room, rng())
         assert np.array_equal(result.points[: len(room)], room.points)
         return np.linalg.norm(result.points - hole, axis=1).min()
 
@@ -183,7 +189,8 @@ def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):
 
 
 def test_observed_colors_are_kept_where_the_completed_point_lies_on_observed_surface(monkeypatch, networks, room):
-    placed = np.concatenate([room.points[:512] + 0.001, [[2.0, 2.0, 0.0]] * 512])
+    placed = PointCloud(np.concatenate([room.points[:512] + 0.001, [[2.0, 2.0, 0.0]] * 512]))
+    placed = RoomFrame.of(room.points).laid(placed).points
 
     def put(network, patches, around):
         return patches.grid.scaled(placed).astype(np.float32)
@@ -342,3 +349,15 @@ def test_map_coordinates_cost_nothing(networks, room):
     completer = PCN(PatchwiseOptions(grid=2), networks["pcn"])
     far = completer.complete(PointCloud(exact.points + offset), rng())
     assert np.abs(far.points - offset - completer.complete(exact, rng()).points).max() < 1e-6
+
+
+@pytest.mark.parametrize("degrees", [20.0, -35.0])
+def test_a_room_is_completed_alike_however_its_scan_is_turned(completer, room, degrees):
+    R_scan_room = rotation_about("z", np.radians(degrees))
+    offset = np.array([300.0, -200.0, 5.0])
+    straight = completer.complete(room, rng())
+    turned = completer.complete(PointCloud(room.points @ R_scan_room.T + offset, room.colors), rng())
+    back = (turned.points - offset) @ R_scan_room
+    # Points at a border may fall into another patch; nearly all the others are the same.
+    assert np.quantile(nearest(back, straight.points)[0], 0.9) < 1e-3
+    assert np.quantile(nearest(straight.points, back)[0], 0.9) < 1e-3

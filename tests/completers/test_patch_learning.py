@@ -1,5 +1,7 @@
 """What patchwise networks learn from: losses by brute force, true patches, examples, and that a step or two teaches."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -11,12 +13,15 @@ from pcdbench_completers.deeppcd.completer import DeepPCD, DeepPCDOptions
 from pcdbench_completers.deeppcd.trainee import NEIGHBORHOODS, DeepPCDTrainee
 from pcdbench_completers.foldingnet.completer import FoldingNet
 from pcdbench_completers.foldingnet.trainee import FoldingNetTrainee
+from pcdbench_completers.heading import wall_heading
 from pcdbench_completers.patch_truth import distances_by_patch, evenly, true_patches
 from pcdbench_completers.patches import Patches
 from pcdbench_completers.patchwise import PatchwiseOptions
 from pcdbench_completers.pcn.completer import PCN
 from pcdbench_completers.pcn.trainee import PCNTrainee
 
+from pcdbench import PointCloud
+from pcdbench.geometry.poses import rotation_about
 from pcdbench.plugins import load_target
 from pcdbench.training.chamfer import matched, mean_by_group
 from pcdbench.training.stream import TrainingPair
@@ -128,6 +133,20 @@ def test_training_and_validation_cut_by_the_options(target, pair, monkeypatch):
     assert len(example(trainee, pair)["points"]) == 4
     trainee.completer(trainee.network().eval()).complete(pair.complete, np.random.default_rng(0))
     assert grids == [2, 2]
+
+
+@pytest.mark.parametrize("target", [DeepPCD.trainee, DeepPCD.color_trainee, PCN.trainee, FoldingNet.trainee])
+def test_training_and_validation_cut_along_the_walls(target, pair, monkeypatch):
+    R_scan_room = rotation_about("z", np.radians(30))
+    of, headings = Patches.of, []
+    monkeypatch.setattr(
+        Patches, "of", lambda points, grid, rng: (headings.append(wall_heading(points)), of(points, grid, rng))[1]
+    )
+    truth, complete = (PointCloud(cloud.points @ R_scan_room.T, cloud.colors) for cloud in (pair.truth, pair.complete))
+    trainee = load_target(target).for_options((DeepPCDOptions if "deeppcd" in target else PatchwiseOptions)(grid=2))
+    example(trainee, replace(pair, truth=truth, complete=complete))
+    trainee.completer(trainee.network().eval()).complete(complete, np.random.default_rng(0))
+    assert len(headings) == 2 and np.degrees(np.abs(headings)).max() < 0.5
 
 
 @pytest.mark.parametrize("name", TRAINEES)
