@@ -379,13 +379,15 @@ def command(*arguments: str, code: int = 0) -> Any:
     return ended
 
 
-CASES = ("--dataset", "tiny", "--incompleteness", "slab", "--level", "0.3,0.5")
+SLABS = ("--dataset", "tiny", "--incompleteness", "slab", "--level")
+CASES = (*SLABS, "0.3,0.5")
 
 
-def run(name: str, *options: str, code: int = 0) -> list[dict[str, Any]]:
+def run(name: str, *options: str, level: str = "0.3,0.5", code: int = 0) -> list[dict[str, Any]]:
     """The rows of a run of completers, without those of references."""
     out = f"runs/{name}-{time.monotonic_ns()}"
-    command("run", "--completer", name, "--task", "tiny_gap", *CASES, "--jobs", "1", "--out", out, *options, code=code)
+    asked = ("--completer", name, "--task", "tiny_gap", *SLABS, level)
+    command("run", *asked, "--jobs", "1", "--out", out, *options, code=code)
     rows = [json.loads(line) for line in Path(out, "rows.jsonl").read_text().splitlines()]
     return [row for row in rows if row["completer"]["name"] in name.split(",")]
 
@@ -449,14 +451,14 @@ def temporary(mine: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_of_a_program_that_hangs_all_that_it_printed_is_kept_and_no_file(mine: Path, temporary: Path) -> None:
     prompts = "import sys, time; sys.stderr.write('password: '); sys.stderr.flush(); time.sleep(60)"
     (mine / "method.py").write_text(prompts)
-    rows = run("program,stays", "--option", "tiny.scenes=1", "--level", "0.3", "--timeout", "3", "--jobs", "2", code=3)
+    rows = run("program,stays", "--option", "tiny.scenes=1", "--timeout", "3", "--jobs", "2", level="0.3", code=3)
     assert [(row["status"], row["output"].startswith("password: ")) for row in rows] == [("timeout", True)] * 2
     assert not list(temporary.iterdir())
 
 
 def test_a_program_that_stays_leaves_no_file(mine: Path, temporary: Path, half_room: Case) -> None:
     (mine / "method.py").write_text(STAYS)
-    (row,) = run("stays", "--option", "tiny.scenes=1", "--level", "0.3")
+    (row,) = run("stays", "--option", "tiny.scenes=1", level="0.3")
     assert row["status"] == "ok" and not list(temporary.iterdir())
     pcdbench.complete(half_room.cloud, "stays", jobs=2)
     assert not list(temporary.iterdir())
