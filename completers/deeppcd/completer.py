@@ -54,7 +54,7 @@ class DeepPCD(PatchwiseCompleter):
 
     Options: ClassVar[type[pcdbench.Options]] = DeepPCDOptions
     options: DeepPCDOptions
-    version = "4"
+    version = "5"
     citation = "DeepPCD: Enabling AutoCompletion of Indoor Point Clouds with Deep Learning, IMWUT 2022"
     trainee = "pcdbench_completers.deeppcd.trainee:DeepPCDTrainee"
     color_trainee = "pcdbench_completers.deeppcd.color_trainee:ColorTrainee"
@@ -126,4 +126,4 @@ class DeepPCDMerged(DeepPCD):
     """
 
     Options = DeepPCDMergedOptions
-    version = "5"
+    version = "6"

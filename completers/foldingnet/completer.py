@@ -23,7 +23,7 @@ class FoldingNet(LonePatchCompleter):
     All 2,025 points of a patch's grid make up the completed cloud.
     """
 
-    version = "2"
+    version = "3"
     citation = "Yang et al., FoldingNet: Point Cloud Auto-encoder via Deep Grid Deformation, CVPR 2018"
     trainee = "pcdbench_completers.foldingnet.trainee:FoldingNetTrainee"
 

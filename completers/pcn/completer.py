@@ -24,7 +24,7 @@ class PCN(LonePatchCompleter):
     A random 1,024 of a patch's 16,384 points make up the completed cloud.
     """
 
-    version = "2"
+    version = "3"
     citation = "Yuan et al., PCN: Point Completion Network, 3DV 2018"
     trainee = "pcdbench_completers.pcn.trainee:PCNTrainee"
 
