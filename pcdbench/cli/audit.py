@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pcdbench.cli.run import STOPPED, levels, names
+from pcdbench.cli.run import STOPPED, Incompletenesses, Levels, levels, names
 
 if TYPE_CHECKING:
     from pcdbench.leaderboard.audit import Audit
@@ -23,12 +23,8 @@ def audit(
     task: Annotated[str, typer.Argument(help="Tasks, separated by commas, or all.")],
     dataset: Annotated[str, typer.Option(help="A data set, NAME or NAME:PATH.")] = "indoor",
     split: Annotated[str | None, typer.Option(help=f"A split of it (unless given: {_SPLIT} or its default).")] = None,
-    incompleteness: Annotated[
-        list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
-    ] = None,
-    level: Annotated[
-        list[str] | None, typer.Option(help="Shares of points to take away (unless given: 0.1,0.3,0.5).")
-    ] = None,
+    incompleteness: Incompletenesses = None,
+    level: Levels = None,
     seed: Annotated[int, typer.Option(help="Decides every random draw.")] = 0,
     jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
     option: Annotated[

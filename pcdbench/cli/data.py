@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pcdbench.cli.bar import with_bar
-from pcdbench.cli.run import requests_of
+from pcdbench.cli.run import Incompletenesses, Levels, requests_of
 
 if TYPE_CHECKING:
     from pcdbench.dataset import Dataset, Finding
@@ -71,12 +71,8 @@ def export(
     suite: Annotated[Path | None, typer.Argument(help="A suite: the TOML file of a run.")] = None,
     dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
     split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
-    incompleteness: Annotated[
-        list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
-    ] = None,
-    level: Annotated[
-        list[str] | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")
-    ] = None,
+    incompleteness: Incompletenesses = None,
+    level: Levels = None,
     seed: Annotated[int | None, typer.Option(help="Decides every random draw (unless given: 0).")] = None,
     option: Annotated[
         list[str] | None, typer.Option(help="NAME.KEY=VALUE: an option of a plugin (see pcdbench show NAME).")

@@ -19,6 +19,11 @@ if TYPE_CHECKING:
 
 STOPPED = "pcdbench: stopped; finished cells are stored, and the same command goes on from there"
 
+Incompletenesses = Annotated[
+    list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
+]
+Levels = Annotated[list[str] | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")]
+
 
 def names(texts: Sequence[str]) -> list[str]:
     """The comma-separated names of an option, which may be given several times."""
@@ -45,12 +50,8 @@ def run(
     task: Annotated[list[str] | None, typer.Option(help="Tasks, separated by commas, or all.")] = None,
     dataset: Annotated[str | None, typer.Option(help="A data set, NAME or NAME:PATH (unless given: indoor).")] = None,
     split: Annotated[str | None, typer.Option(help="A split of the data set (unless given: its default).")] = None,
-    incompleteness: Annotated[
-        list[str] | None, typer.Option(help="Ways to take points away, separated by commas (unless given: holes).")
-    ] = None,
-    level: Annotated[
-        list[str] | None, typer.Option(help="Shares of points taken away (unless given: 0.1,0.3,0.5).")
-    ] = None,
+    incompleteness: Incompletenesses = None,
+    level: Levels = None,
     seed: Annotated[int | None, typer.Option(help="Decides every random draw (unless given: 0).")] = None,
     jobs: Annotated[int | None, typer.Option(help="Worker processes (unless given: one for each core).")] = None,
     timeout: Annotated[float, typer.Option(help="Seconds for a step: making a case, completing, a task.")] = 600.0,

@@ -126,9 +126,8 @@ def test_the_network_that_answers_is_the_one_that_learned(
     shape: tuple[int, int, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Sizes that halve to odd ones, where coarse voxels are cut in two; statistics of another network, all alike."""
-    monkeypatch.setattr(
-        "pcdbench_completers.voxel_unet.network.bfloat16_pays", lambda: False
-    )  # whose rounding is not 1e-5
+    # Rounding to bfloat16 would hide what is compared here.
+    monkeypatch.setattr("pcdbench_completers.voxel_unet.network.bfloat16_pays", lambda: False)
     torch.manual_seed(0)
     network = VoxelUNet().eval()
     for name, values in network.named_buffers():
