@@ -15,7 +15,7 @@ from pcdbench.training.precision import bfloat16_pays
 
 from .grid import CHANNELS
 
-WIDTHS = (16, 32, 64, 96, 128)
+WIDTHS = (16, 32, 64, 128, 256)
 OUTPUTS = 7  # occupancy logit, offset (3), colour (3)
 
 
@@ -72,11 +72,14 @@ class VoxelUNet(nn.Module):
         self.to(memory_format=torch.channels_last_3d)  # type: ignore[call-overload]
 
     def _load_from_state_dict(self, state_dict: dict[str, Tensor], prefix: str, *args: Any) -> None:
-        """Weights of before channels were added are taken as if those said nothing."""
-        name = f"{prefix}down.0.0.weight"
-        first = state_dict.get(name)
-        if first is not None and first.ndim == 5 and first.shape[1] < CHANNELS:
-            state_dict[name] = F.pad(first, (0, 0, 0, 0, 0, 0, 0, CHANNELS - first.shape[1]))
+        """Weights of before channels were added, to the input or to a level, are taken as if those said nothing."""
+        for name, own in self.state_dict().items():
+            saved = state_dict.get(prefix + name)
+            if saved is None or saved.ndim != own.ndim or saved.shape == own.shape:
+                continue
+            if all(few <= many for few, many in zip(saved.shape, own.shape, strict=True)):
+                level, of_up = name.split(".")[1], name.startswith("up.") and name.endswith(".0.weight")
+                state_dict[prefix + name] = _widened(saved, own, self.up[int(level)].below if of_up else None)
         super()._load_from_state_dict(state_dict, prefix, *args)
 
     def forward(self, features: Tensor) -> Tensor:
@@ -109,6 +112,26 @@ class VoxelUNet(nn.Module):
     def _head_of(self, channels: slice) -> tuple[Tensor, Tensor]:
         """The last layer's weights (K, 16) and biases (K,) of some of its channels, eight an output."""
         return self.head.weight.flatten(1)[channels], self.head.get_parameter("bias")[channels]
+
+
+def _widened(saved: Tensor, own: Tensor, below: int | None) -> Tensor:
+    """A parameter of narrower levels in the shape of `own`, which it keeps where it is of new channels alone.
+
+    New channels say nothing to the others, which so answer as before, and learn to from there.
+
+    Args:
+        below: how many of the channels that `own` reads come from the level below; None where there is none.
+    """
+    wide, count = own.clone(), len(saved)
+    if saved.ndim == 1:
+        wide[:count] = saved
+        return wide
+    read = torch.arange(saved.shape[1])
+    if below is not None:  # the last of them are the skip's, as many as are written
+        read[-count:] += below - (len(read) - count)
+    wide[:count] = 0
+    wide[:count, read] = saved
+    return wide
 
 
 def placed(values: Tensor) -> tuple[Tensor, Tensor]:

@@ -95,9 +95,9 @@ def test_a_part_of_the_input_is_the_input_of_the_part() -> None:
     assert np.allclose(whole, alone, atol=1e-5)
 
 
-def test_the_network_has_the_trials_size_and_answers_every_sub_voxel() -> None:
+def test_the_network_has_its_size_and_answers_every_sub_voxel() -> None:
     network = VoxelUNet().eval()
-    assert sum(parameter.numel() for parameter in network.parameters()) == pytest.approx(2.8e6, rel=0.02)
+    assert sum(parameter.numel() for parameter in network.parameters()) == pytest.approx(5.9e6, rel=0.02)
     with torch.inference_mode():
         out = network(torch.zeros(1, CHANNELS, 19, 22, 9))
     assert out.shape == (1, OUTPUTS, 38, 44, 18)
@@ -534,3 +534,22 @@ def test_a_handful_of_points_comes_back_as_it_is() -> None:
     cloud = pcdbench.PointCloud(np.random.default_rng(0).uniform(size=(5, 3)))
     completed = VoxelUNetCompleter(network=VoxelUNet().eval()).complete(cloud, np.random.default_rng(0))
     assert np.array_equal(completed.points, cloud.points)
+
+
+def test_weights_of_narrower_levels_answer_as_before_and_can_learn_in_the_new_channels() -> None:
+    torch.manual_seed(0)
+    narrow, wide = VoxelUNet((4, 6, 8)), VoxelUNet((4, 8, 16))
+    features = torch.rand(1, CHANNELS, 8, 8, 4)
+    for _ in range(3):  # statistics of its own
+        narrow(features)
+    wide.load_state_dict(narrow.state_dict())
+    with torch.no_grad():
+        assert torch.allclose(wide.eval()(features), narrow.eval()(features), atol=1e-5)
+    wide(features).square().sum().backward()
+    of_new, of_old = (wide.up[0][0].weight.grad[:, channels].abs().sum() for channels in (slice(8, 16), slice(8)))
+    assert of_new > 0.01 * of_old > 0
+
+
+def test_weights_of_wider_levels_are_of_another_network() -> None:
+    with pytest.raises(RuntimeError, match="size mismatch"):
+        VoxelUNet((4, 6, 8)).load_state_dict(VoxelUNet((4, 8, 16)).state_dict())
