@@ -79,6 +79,13 @@ class Dataset(ABC):
         """How many cases, each of another seed, a scene of this split gives at each level."""
         return 1
 
+    def environment(self, name: str) -> str:
+        """What a scene is a part of: scenes of one environment have surface in common, and do not count as independent.
+
+        Intervals and ranks are over environments. Unless overridden, each scene is one of its own.
+        """
+        return name
+
     @abstractmethod
     def digest(self, name: str) -> str:
         """What decides the content of a scene beside the version (a file's SHA-256, a generator's seed)."""

@@ -78,9 +78,14 @@ class VoxelUNet(nn.Module):
             if saved is None or saved.ndim != own.ndim or saved.shape == own.shape:
                 continue
             if all(few <= many for few, many in zip(saved.shape, own.shape, strict=True)):
-                level, of_up = name.split(".")[1], name.startswith("up.") and name.endswith(".0.weight")
-                state_dict[prefix + name] = _widened(saved, own, self.up[int(level)].below if of_up else None)
+                state_dict[prefix + name] = _widened(saved, own, self._read_from_below(name))
         super()._load_from_state_dict(state_dict, prefix, *args)
+
+    def _read_from_below(self, name: str) -> int | None:
+        """How many of the channels that this parameter reads come from the level below; None where there is none."""
+        part, level, *rest = name.split(".")
+        block = self.up[int(level)] if part == "up" and rest == ["0", "weight"] else None
+        return block.below if isinstance(block, UpBlock) else None
 
     def forward(self, features: Tensor) -> Tensor:
         """(B, 13, X, Y, Z) to (B, 7, 2X, 2Y, 2Z): logit of occupancy, and what `placed` takes."""
@@ -120,7 +125,7 @@ def _widened(saved: Tensor, own: Tensor, below: int | None) -> Tensor:
     New channels say nothing to the others, which so answer as before, and learn to from there.
 
     Args:
-        below: how many of the channels that `own` reads come from the level below; None where there is none.
+        below: see `_read_from_below`.
     """
     wide, count = own.clone(), len(saved)
     if saved.ndim == 1:

@@ -123,11 +123,12 @@ def _audit(task: str, incompleteness: str, rows: Sequence[Mapping[str, Any]]) ->
 
 
 class _Judge:
-    """Compares references of one task's main metric, paired by scene and draw."""
+    """Compares references of one task's main metric, paired by scene and draw; intervals are over environments."""
 
     def __init__(self, table: pd.DataFrame, direction: str) -> None:
         self._sign = 1.0 if direction == "lower" else -1.0
         self._means = {name: case_means(table, name) for name in table["completer"].unique()}
+        self._environments = _environments(table)
 
     def at_least_as_good(self) -> Check:
         """The truth against the ceiling, at all levels: worse only where the interval says so."""
@@ -174,7 +175,7 @@ class _Judge:
     def _mean(self, means: pd.Series) -> Estimate | None:
         if means.empty:
             return None
-        return mean_estimate(means.to_numpy(), pd.factorize(means.index.get_level_values("scene"), sort=True)[0])
+        return _over_environments(means, self._environments)
 
 
 def _standings(
@@ -187,8 +188,7 @@ def _standings(
             means = case_means(table[table["level"] == level], reference)
             skipped = sum(row["status"] == "skipped" for row in its)
             failed = sum(row["status"] not in ("ok", "skipped") for row in its)
-            scenes = pd.factorize(means.index.get_level_values("scene"), sort=True)[0]
-            mean = mean_estimate(means.to_numpy(), scenes) if len(means) else None
+            mean = _over_environments(means, _environments(table)) if len(means) else None
             standings.append(ReferenceStanding(reference, level, len(means), failed, skipped, mean))
     return tuple(standings)
 
@@ -199,3 +199,13 @@ def _without_nan(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_without_nan(its) for its in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _environments(table: pd.DataFrame) -> dict[str, str]:
+    return dict(zip(table["scene"], table["environment"], strict=True))
+
+
+def _over_environments(means: pd.Series, environments: Mapping[str, str]) -> Estimate:
+    """The mean of case means, with its interval over the environments that their scenes are a part of."""
+    of = means.index.get_level_values("scene").map(environments)
+    return mean_estimate(means.to_numpy(), pd.factorize(of, sort=True)[0])

@@ -23,6 +23,7 @@ class BoardData:
 
     Attributes:
         scenes: digest of what decides a scene's content, by its name.
+        environments: by scene, what it is a part of, where that is not the scene alone.
     """
 
     dataset: str
@@ -30,6 +31,7 @@ class BoardData:
     options: Mapping[str, Any]
     split: str
     scenes: Mapping[str, str]
+    environments: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

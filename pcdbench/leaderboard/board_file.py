@@ -13,7 +13,7 @@ import orjson
 from pydantic import TypeAdapter, ValidationError
 
 from pcdbench.errors import PcdbenchError, first_problem, told
-from pcdbench.leaderboard.board import Board, BoardCell, BoardCompleter, BoardResult, Comparison, Standing
+from pcdbench.leaderboard.board import Board, BoardCell, BoardCompleter, BoardData, BoardResult, Comparison, Standing
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.runner.store import write_text
 
@@ -154,6 +154,8 @@ def _plain(value: Any) -> Any:
             del kept["cached"]
         if isinstance(value, BoardCompleter) and not value.foreknew:
             del kept["foreknew"]
+        if isinstance(value, BoardData) and not value.environments:
+            del kept["environments"]
         return kept
     if isinstance(value, float):
         return None if math.isnan(value) else value

@@ -29,7 +29,7 @@ from pcdbench.leaderboard.ranks import Ranking, Tried, ranking
 from pcdbench.leaderboard.saw_test import seen_in_training
 from pcdbench.leaderboard.statistics import Estimate
 from pcdbench.leaderboard.summary import foreknowledge, summarize
-from pcdbench.runner.rows import cost_measured
+from pcdbench.runner.rows import cost_measured, environment_of
 
 KEY_DIGITS = 16
 _FACTS = ("time", "git", "machine", "packages", "workers")
@@ -80,7 +80,7 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
         for (case, label), its in sorted(by_cell.items(), key=lambda item: (item[0][0], position[item[0][1]]))
     ]
     ordered_cases = [cases[case] for case in order]
-    rankings = rankings_of(ordered_cases, cells, completers, tasks)
+    rankings = rankings_of(data, ordered_cases, cells, completers, tasks)
     labelled: dict[int, list[Mapping[str, Any]]] = defaultdict(list)
     for one in merged:
         completer = one.row["completer"] | {"name": label_of[id(one.row["completer"])]}
@@ -107,13 +107,24 @@ def board_of_rows(name: str, runs: Sequence[RunRows], merged: Sequence[MergedRow
 
 def _data(merged: Sequence[MergedRow], splits: Sequence[str]) -> tuple[BoardData, ...]:
     scenes: dict[tuple[str, str], dict[str, str]] = defaultdict(dict)
+    environments: dict[tuple[str, str], dict[str, str]] = defaultdict(dict)
     described: dict[str, Mapping[str, Any]] = {}
     for one in merged:
         dataset = one.row["dataset"]
         described[dataset["name"]] = dataset
-        scenes[dataset["name"], splits[one.run]][one.row["scene"]] = dataset["digest"]
+        of, scene, environment = (dataset["name"], splits[one.run]), one.row["scene"], environment_of(one.row)
+        scenes[of][scene] = dataset["digest"]
+        if environment != scene:
+            environments[of][scene] = environment
     return tuple(
-        BoardData(name, described[name]["version"], described[name]["options"], split, dict(sorted(its.items())))
+        BoardData(
+            name,
+            described[name]["version"],
+            described[name]["options"],
+            split,
+            dict(sorted(its.items())),
+            dict(sorted(environments[name, split].items())),
+        )
         for (name, split), its in sorted(scenes.items())
     )
 
@@ -244,6 +255,7 @@ def _result(row: Mapping[str, Any]) -> BoardResult:
 
 
 def rankings_of(
+    data: Sequence[BoardData],
     cases: Sequence[BoardCase],
     cells: Sequence[BoardCell],
     completers: Sequence[BoardCompleter],
@@ -255,7 +267,8 @@ def rankings_of(
     for cell in cells:
         case = cases[cell.case]
         for task, result in cell.results.items():
-            tried = Tried(cell.case, case.scene, result.samples)
+            environment = data[case.data].environments.get(case.scene, case.scene)
+            tried = Tried(cell.case, environment, result.samples)
             tables[case.data, case.incompleteness, case.level, task][cell.completer].append(tried)
     rankings = {}
     for table, by_completer in sorted(tables.items()):

@@ -36,7 +36,10 @@ _ROUNDING = 1e-11
 
 @dataclass(frozen=True)
 class Tried:
-    """How a completer fared in a case: its samples; empty where it failed, timed out or was skipped."""
+    """How a completer fared in a case: its samples; empty where it failed, timed out or was skipped.
+
+    `scene` is what cases are independent by: scenes of one environment are one.
+    """
 
     case: int
     scene: str

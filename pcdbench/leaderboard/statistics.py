@@ -1,7 +1,8 @@
 """Statistics of samples that come in scenes: quantiles and means with bootstrap intervals over scenes.
 
 Samples of one scene (its draws, locations, steps, objects) are not independent of one another, scenes are:
-a bootstrap draws scenes with replacement and takes all samples of each.
+a bootstrap draws scenes with replacement and takes all samples of each. Scenes that are parts of one environment
+(`Dataset.environment`) are drawn together, as one: they have surface in common.
 """
 
 from __future__ import annotations

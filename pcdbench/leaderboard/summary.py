@@ -14,7 +14,7 @@ import pandas as pd
 
 from pcdbench.incompleteness import MEASURED, UNSEEN_SHARE
 from pcdbench.leaderboard.statistics import estimates
-from pcdbench.runner.rows import FOREKNOWN, cost_measured
+from pcdbench.runner.rows import FOREKNOWN, cost_measured, environment_of
 
 GROUP = ["task", "metric", "incompleteness", "level", "completer"]
 CASE = ["scene", "draw", "incompleteness", "level"]
@@ -26,19 +26,20 @@ _Cost = tuple[float | None, float | None]  # seconds, memory
 def samples_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
     """One line a (row, metric) that was measured.
 
-    Columns: those of `GROUP` and `CASE`, reference, missing (the share, None in rows from before it was kept), unit,
-    direction, summary, main, samples (an array).
+    Columns: those of `GROUP` and `CASE`, environment, reference, missing (the share, None in rows from before it was
+    kept), unit, direction, summary, main, samples (an array).
     """
     lines = []
     for row in rows:
         if row["status"] == "ok":
             task, incompleteness, level, completer = _cell(row)
-            case = (row["completer"]["reference"], row["scene"], row["draw"], row.get("missing"))
+            reference = row["completer"]["reference"]
+            of_case = (row["scene"], environment_of(row), row["draw"], row.get("missing"))
             for name, metric in row["metrics"].items():
                 described = [metric[its] for its in _DESCRIBED]
                 samples = np.asarray(metric["samples"], dtype=np.float64)
-                lines.append((task, name, incompleteness, level, completer, *case, *described, samples))
-    columns = [*GROUP, "reference", "scene", "draw", "missing", *_DESCRIBED, "samples"]
+                lines.append((task, name, incompleteness, level, completer, reference, *of_case, *described, samples))
+    columns = [*GROUP, "reference", "scene", "environment", "draw", "missing", *_DESCRIBED, "samples"]
     return pd.DataFrame.from_records(lines, columns=columns)
 
 
@@ -47,7 +48,7 @@ def summarize(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
 
     Columns: those of `GROUP`; reference, unit, direction, summary, main; scenes, cases (measured), missing (the mean
     share that was missing), failed and skipped (cases without measurements; timeouts count as failed); median, p90
-    and mean, each with `_low` and `_high` of its 95 % bootstrap interval over scenes; seconds and memory_mb, the
+    and mean, each with `_low` and `_high` of its 95 % bootstrap interval over environments; seconds and memory_mb, the
     medians of completing.
     A completer of which nothing was measured has a line for its task's main metric, without numbers.
     """
@@ -140,27 +141,29 @@ class _Group:
 
     described: Mapping[str, Any]
     scenes: list[str] = field(default_factory=list)
+    environments: list[str] = field(default_factory=list)
     missing: list[float] = field(default_factory=list)
     sizes: list[int] = field(default_factory=list)
     samples: array[float] = field(default_factory=lambda: array("d"))
 
-    def add(self, scene: str, missing: float, samples: Sequence[float]) -> None:
+    def add(self, scene: str, environment: str, missing: float, samples: Sequence[float]) -> None:
         self.scenes.append(scene)
+        self.environments.append(environment)
         self.missing.append(missing)
         self.sizes.append(len(samples))
         self.samples.extend(samples)
 
     def summary(self) -> dict[str, Any]:
-        names, scenes = np.unique(self.scenes, return_inverse=True)
+        _, environments = np.unique(self.environments, return_inverse=True)
         missing = np.array(self.missing)
         known = missing[~np.isnan(missing)]
         columns = dict(self.described) | {
-            "scenes": len(names),
+            "scenes": len(set(self.scenes)),
             "cases": len(self.scenes),
             "missing": known.mean() if known.size else np.nan,
         }
         if self.samples:
-            found = estimates(np.array(self.samples), np.repeat(scenes, self.sizes))
+            found = estimates(np.array(self.samples), np.repeat(environments, self.sizes))
             for name, estimate in found.items():
                 columns |= {name: estimate.value, f"{name}_low": estimate.low, f"{name}_high": estimate.high}
         return columns
@@ -190,7 +193,7 @@ class _Tally:
             if row["cell"] not in costs or costs[row["cell"]][0] < measured:
                 costs[row["cell"]] = measured, (cost["seconds"], cost["peak_memory_mb"])
         if row["status"] == "ok":
-            scene, missing = row["scene"], row.get("missing")
+            scene, environment, missing = row["scene"], environment_of(row), row.get("missing")
             share = math.nan if missing is None else missing
             of_cell = self._by_cell.setdefault(cell, {})
             for name, metric in row["metrics"].items():
@@ -198,7 +201,7 @@ class _Tally:
                 if group is None:
                     group = of_cell[name] = _Group({its: metric[its] for its in _DESCRIBED})
                     self._groups[task, name, incompleteness, level, completer] = group
-                group.add(scene, share, metric["samples"])
+                group.add(scene, environment, share, metric["samples"])
 
     def summary(self) -> pd.DataFrame:
         costs = {key: _median_cost(cost for _, cost in its.values()) for key, its in self._costs.items()}

@@ -75,7 +75,7 @@ def updated(board: Board, fresh: Board) -> Board:
     places = [(its.dataset, its.split) for its in board.data]
     data_of = [places.index((its.dataset, its.split)) for its in fresh.data]
     tasks = _tasks(board, fresh)
-    rankings = rankings_of(board.cases, cells, completers, tasks)
+    rankings = rankings_of(board.data, board.cases, cells, completers, tasks)
     main = {(task.name, metric.name) for task in tasks for metric in task.metrics if metric.main}
     standings = []
     for standing in [

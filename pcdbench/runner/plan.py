@@ -51,6 +51,7 @@ class Cell:
         scene_digest: what decides the scene's content beside that.
         draw: number of the case among those of the same scene, incompleteness and level.
         level: `MEASURED` where the incompleteness has no levels.
+        environment: what the scene is a part of (see `Dataset.environment`); it decides nothing of the cloud.
     """
 
     dataset: str
@@ -61,6 +62,7 @@ class Cell:
     level: float
     seed: int
     completer: Plugin
+    environment: str = ""
 
     @cached_property
     def key(self) -> str:
@@ -91,6 +93,7 @@ class Plan:
     """The cells of a run and the tasks of each, with the configuration they came from.
 
     Attributes:
+        environments: by scene, what it is a part of, where that is not the scene alone.
         left_out: by name, why a completer or task that `all` would have taken cannot be, or a whole plugin.
     """
 
@@ -103,6 +106,7 @@ class Plan:
     seed: int
     scenes: Mapping[str, str]
     draws: int
+    environments: Mapping[str, str] = field(default_factory=dict)
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @cached_property
@@ -110,8 +114,9 @@ class Plan:
         """All cells, those of one scene next to one another, those of one case likewise."""
         dataset = self.dataset.identity
         return tuple(
-            Cell(dataset, scene, scene_digest, draw, incompleteness, level, seed, completer)
+            Cell(dataset, scene, scene_digest, draw, incompleteness, level, seed, completer, environment)
             for scene, scene_digest in self.scenes.items()
+            for environment in [self.environments.get(scene, scene)]
             for draw in range(self.draws)
             for incompleteness in self.incompletenesses
             for seed in [case_seed(self.seed, self.dataset.name, scene, incompleteness.name, draw)]
@@ -189,7 +194,10 @@ def plan(request: Request) -> Plan:
     levels = _levels(request.levels)
     with whose_data_set(dataset):
         scenes, draws = _scenes(opened, dataset_name, split), opened.draws(split)
-    return Plan(dataset, split, tasks, completers, incompletenesses, levels, request.seed, scenes, draws, left_out)
+        environments = {scene: its for scene in scenes if (its := opened.environment(scene)) != scene}
+    return Plan(
+        dataset, split, tasks, completers, incompletenesses, levels, request.seed, scenes, draws, environments, left_out
+    )
 
 
 def default_split(dataset: str, options: Sequence[str], *, preferred: str) -> str:

@@ -59,12 +59,19 @@ def cost_measured(row: Mapping[str, Any]) -> tuple[bool, str]:
 
 def base_row(dataset: Plugin, cell: Cell, threads: int | None = None) -> Row:
     """What all rows of a cell say before anything is measured; `threads` is this process's share unless given."""
+    part_of = {} if cell.environment in ("", cell.scene) else {"environment": cell.environment}
     return {
-        "dataset": dataset.describe() | {"digest": cell.scene_digest},
+        "dataset": dataset.describe() | {"digest": cell.scene_digest} | part_of,
         "threads": thread_count() if threads is None else threads,
         "host": platform.node(),
         "time": utc_now(),
     }
+
+
+def environment_of(row: Mapping[str, Any]) -> str:
+    """What a row's scene is a part of: environments, not scenes, are independent of one another."""
+    dataset = row.get("dataset")
+    return str(dataset.get("environment", row["scene"])) if isinstance(dataset, Mapping) else str(row["scene"])
 
 
 def utc_now() -> str:

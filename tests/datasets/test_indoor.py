@@ -256,6 +256,8 @@ def test_splits_share_no_environment_and_have_the_published_sizes():
     assert sum(kind in LARGE_KINDS for kind in kinds) == sum(kind in SMALL_KINDS for kind in kinds) == 15
     assert {kind_of(int(name[3:])) in LARGE_KINDS for name in environments["smoke"]} == {True, False}
     assert len({data.digest(name) for name in names["test"]}) == 150
+    assert len({data.environment(name) for name in names["test"]}) == 30
+    assert {data.environment(f"env007_crop{crop}") for crop in range(5)} == {"env007"}
 
 
 def test_unknown_names_are_explained():

@@ -98,3 +98,13 @@ def test_one_scene_proves_nothing():
     (audit,) = audits(rows(GOOD, scenes=1))
     assert audit.broken == ["resample apart from incomplete 50%"]
     assert {check.note for check in audit.checks[1:-1]} == {"no interval: it takes two scenes or more"}
+
+
+def test_its_intervals_are_over_environments():
+    made = rows(GOOD, spread=1.0)
+    parts = [row | {"dataset": {"environment": "ab"[int(row["scene"][1:]) % 2]}} for row in made]
+    alone, together = audits(made)[0], audits(parts)[0]
+    assert (alone.scenes, together.scenes) == (12, 12)
+    both = [(one.mean, its.mean) for one, its in zip(alone.standings, together.standings, strict=True) if one.mean]
+    assert len(both) == len(GOOD)
+    assert all(one.value == its.value and one.low != its.low for one, its in both)

@@ -225,6 +225,28 @@ def test_scenes_of_a_trained_environment_and_of_an_overlapping_split_are_seen():
     assert seen(split="train") == seen(split="val") == seen(split="nonsense") == ""
 
 
+def test_ranks_are_over_environments(tmp_path):
+    """Two completers that differ in twelve crops alike: of one room apiece that is shown, of three rooms it is not."""
+
+    def board(parts):
+        rows = [
+            row | {"dataset": row["dataset"] | ({"environment": f"place{number % parts}"} if parts else {})}
+            for name, base in (("a", 1.0), ("b", 2.0))
+            for number in range(12)
+            for row in [full_row(name, [base + 0.01 * number], scene=f"room{number:02d}")]
+        ]
+        return board_of_runs("b", [store_run(tmp_path / str(parts), rows)])
+
+    alone, of_three, of_six = board(0), board(3), board(6)
+    assert [its.rank for its in alone.standings] == [its.rank for its in of_six.standings] == [1, 2]
+    assert [its.rank for its in of_three.standings] == [1, 1]
+    assert all((its.scenes, its.cases) == (12, 12) for its in of_three.standings)
+    assert of_three.data[0].environments == {f"room{number:02d}": f"place{number % 3}" for number in range(12)}
+    write_board(of_three, tmp_path / "leaderboard.json")
+    assert read_board(tmp_path).data == of_three.data
+    assert "environments" not in board_json(alone), "scenes that are environments of their own need no word"
+
+
 def test_what_is_no_run_is_said(tmp_path):
     with pytest.raises(PcdbenchError, match="is not a run"):
         board_of_runs("b", [tmp_path])

@@ -27,6 +27,20 @@ def test_samples_of_all_cases_are_pooled():
     assert line["median_low"] <= 2.5 <= line["median_high"]
 
 
+def test_scenes_of_one_environment_are_drawn_together():
+    values = {("a", 0): 1.0, ("a", 1): 1.2, ("b", 0): 5.0, ("b", 1): 5.2, ("c", 0): 9.0, ("c", 1): 9.2}
+    alone = [result_row("it", [value], scene=f"{of}_{crop}") for (of, crop), value in values.items()]
+    parts = [row | {"dataset": {"environment": row["scene"][0]}} for row in alone]
+    merged = [
+        result_row("it", [value for (its, _), value in values.items() if its == of], scene=of) for of in ("a", "b", "c")
+    ]
+    of_alone, of_parts, of_merged = (records(summarize(rows))[0] for rows in (alone, parts, merged))
+    assert (of_parts["scenes"], of_parts["cases"]) == (6, 6)
+    for end in ("mean_low", "mean_high", "median_low", "median_high", "p90_low", "p90_high"):
+        assert of_parts[end] == of_merged[end]
+    assert of_parts["mean_low"] < of_alone["mean_low"]
+
+
 def test_the_share_that_was_missing_is_the_mean_of_the_cases_that_tell_it():
     shares = {"x": 0.2, "y": 0.5, "z": None}
     rows = [result_row("a", [1.0], scene=scene) | {"missing": share} for scene, share in shares.items()]

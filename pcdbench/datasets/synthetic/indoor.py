@@ -78,6 +78,10 @@ class Indoor(Dataset):
         """Two in `test`: 150 crops make 300 cases at each level."""
         return 2 if split == "test" else 1
 
+    def environment(self, name: str) -> str:
+        """That which the crop is cut from: crops of one environment overlap."""
+        return name.partition("_")[0]
+
     def digest(self, name: str) -> str:
         """The generator's version and the name decide a scene."""
         return digest({"generator": VERSION, "name": name})
