@@ -54,7 +54,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         )
 
     options: Options
-    version = "6"
+    version = "7"
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
 
     def __init__(
