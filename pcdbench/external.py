@@ -250,6 +250,8 @@ class _Program:
         Raises:
             Skipped, PluginError: as it answers, or where it ends instead or cannot be started.
         """
+        if self._process is not None and self._process.poll() is not None:
+            self._end()
         process = self._process or self._start()
         try:
             answer, said = _answer(process, f"{incomplete}\t{completed}\t{seed}\n")

@@ -150,6 +150,12 @@ def _require_sound_class(registration: Registration, cls: Any) -> None:
         listed = isinstance(declared.metrics, Sequence)
         if not (listed and all(isinstance(metric, pcdbench.Metric) for metric in declared.metrics)):
             raise PluginError(f"{who}: its metrics must be a tuple of pcdbench.Metric, not {declared.metrics!r}")
+        for metric in declared.metrics:
+            # Rows of other ones could not be read again.
+            for what, known in (("direction", ("lower", "higher")), ("summary", ("median", "mean"))):
+                if getattr(metric, what) not in known:
+                    its = getattr(metric, what)
+                    raise PluginError(f"{who}: the {what} of {metric.name} is {its!r}; {' or '.join(known)}")
 
 
 @dataclass

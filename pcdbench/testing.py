@@ -291,6 +291,7 @@ def _check_metrics(who: str, metrics: tuple[Metric, ...]) -> None:
     for metric in metrics:
         _require(bool(metric.unit and metric.formula), f"{who}: metric {metric.name} needs a unit and a formula")
         _require(metric.direction in ("lower", "higher"), f"{who}: {metric.name}: which direction is better?")
+        _require(metric.summary in ("median", "mean"), f"{who}: {metric.name}: is its summary the median or the mean?")
 
 
 def _check_repeats(

@@ -197,6 +197,13 @@ def test_after_one_death_it_is_started_again(program: Callable, cloud: PointClou
     assert len(complete(completer, cloud)) == 200
 
 
+def test_one_that_ended_after_it_answered_is_started_again(program: Callable, cloud: PointCloud) -> None:
+    completer = program(STAYS.replace("flush=True)\n", "flush=True); os._exit(0)\n").replace("os._exit(0)", "", 1))()
+    for _ in range(3):
+        assert len(complete(completer, cloud)) == 200
+        completer._program._process.wait(timeout=10)
+
+
 def test_what_it_said_of_a_cloud_before_is_not_said_again(program: Callable, cloud: PointCloud) -> None:
     first = "input(); sys.stderr.write('fine'); sys.stderr.flush(); print('failed: it')"
     completer = program(f"import sys\n{first}\ninput(); sys.exit('no GPU')")()

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from pcdbench import Options, Task
+from pcdbench import Metric, Options, Task
 from pcdbench.completer import Completer, ReferenceCompleter
 from pcdbench.errors import PluginError
 from pcdbench.plugins import GROUP, KINDS, Register, Registry, did_you_mean, hookimpl, load_registry
@@ -136,6 +136,16 @@ def test_a_class_that_is_no_completer_is_refused(
 def test_metrics_that_are_none_are_refused(entry_point: Callable[..., EntryPoint]) -> None:
     found = load_registry([entry_point("odd", register_tasks=registering("odd_one", f"{__name__}:MetricsByName"))])
     with pytest.raises(PluginError, match=r"its metrics must be a tuple of pcdbench.Metric, not \('error_m',\)"):
+        found.get("task", "odd_one").load()
+
+
+class MeansOfItsOwn(MetricsByName):
+    metrics = (Metric("gap_m", "m", "lower", "the mean gap", summary="p90"),)  # type: ignore[arg-type]
+
+
+def test_metrics_whose_rows_nobody_could_read_again_are_refused(entry_point: Callable[..., EntryPoint]) -> None:
+    found = load_registry([entry_point("odd", register_tasks=registering("odd_one", f"{__name__}:MeansOfItsOwn"))])
+    with pytest.raises(PluginError, match="the summary of gap_m is 'p90'; median or mean"):
         found.get("task", "odd_one").load()
 
 

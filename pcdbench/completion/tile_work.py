@@ -17,6 +17,7 @@ from pcdbench.completion.gaps import open_gaps
 from pcdbench.completion.surface import RADIUS_OF_SPACING, local_planes, spacing_at, spacing_inside
 from pcdbench.completion.tiles import FINEST_SPACING_M, WORKING_POINTS
 from pcdbench.errors import PluginError
+from pcdbench.formats.columns import LARGEST_FLOAT32_ERROR_M
 from pcdbench.geometry.duplicates import repeats
 from pcdbench.geometry.sampling import poisson_disk_indices
 from pcdbench.keys import seed_from
@@ -191,7 +192,9 @@ def _new_points(
     own = _own_confidence(given, len(completed))
     # Whoever keeps the input says himself what is new; who makes all points anew puts them between the old ones.
     count = len(working)
-    keeps = np.array_equal(completed.points[:count], working.points)
+    # Programs are given float32 in many formats, and give that back.
+    first = completed.points[:count]
+    keeps = len(first) == count and np.allclose(first, working.points, rtol=0, atol=LARGEST_FLOAT32_ERROR_M)
     beyond = RADIUS_OF_SPACING if keeps else NEW_BEYOND
     low, high = working.points.min(axis=0), working.points.max(axis=0)
     margin = 0.1 * float((high - low).max())

@@ -87,7 +87,7 @@ def read_observed(path: Path, *, with_fields: bool = False) -> tuple[PointCloud,
     path = Path(path)
     cloud, fields = _read(path, EVERYTHING if with_fields else (*MARKS, *_MARKS_SAVED_AGAIN))
     added, others = fields.get(MARKS[0]), {name: values for name, values in fields.items() if name not in MARKS}
-    if added is None or MARKS[1] not in fields or not np.isin(added, (0, 1)).all():
+    if added is None or added.ndim != 1 or MARKS[1] not in fields or not np.isin(added, (0, 1)).all():
         return cloud, fields if with_fields else {}
     seen = added == 0
     if not seen.any():

@@ -175,7 +175,7 @@ def _refuse_other_versions(runs: Sequence[RunRows]) -> None:
     for run in runs:
         for its in run.configuration.get("completers", ()):
             if its.get("code") and not its.get("reference"):
-                check(run, "completer", f"{its['name']} {_version_of(its)}", f"code {its['code'][:16]}")
+                check(run, "completer", f"{its['name']} {version_text(its['version'], {})}", f"code {its['code'][:16]}")
         told_of = set[tuple[str, ...]]()
         for row in run.rows:
             dataset = row["dataset"]

@@ -83,7 +83,12 @@ class CompletionCache:
             self.trim()
 
     def trim(self) -> None:
-        """Drop what was not used for the longest time until the folder fits its size, and what killed runs tore."""
+        """Drop what was not used for the longest time until the folder fits its size, and what killed runs tore.
+
+        A cache of no size is one that is not used: what other runs keep is not its own.
+        """
+        if self.limit_bytes <= 0:
+            return
         self._written = 0
         for torn in (*self.folder.glob(f"*/{UNFINISHED}"), *self.folder.glob("*/*.tmp")):
             with contextlib.suppress(OSError):

@@ -170,7 +170,9 @@ def plan(request: Request) -> Plan:
     dataset_name, _, dataset_path = request.dataset.partition(":")
     references = reference_names()
     completer_names = _names("completer", request.completers)
-    if request.references:
+    if not request.references:
+        completer_names = [name for name in completer_names if name not in references or name in request.completers]
+    else:
         completer_names = [*references, *(name for name in completer_names if name not in references)]
     names: dict[Kind, Sequence[str]] = {
         "dataset": [dataset_name],

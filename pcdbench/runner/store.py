@@ -15,7 +15,6 @@ from filelock import FileLock, Timeout
 
 from pcdbench.errors import PcdbenchError, RunWarning
 from pcdbench.files import UNFINISHED, whole_file
-from pcdbench.keys import digest
 from pcdbench.runner.rows import SCHEMA_VERSION, Row
 from pcdbench.runner.stored_rows import StoredRows
 
@@ -122,8 +121,8 @@ class RunStore:
         if (self.folder / RUN).exists():
             told = read_run(self.folder)
             held = told.pop("configuration", {})
-            if digest(held) != digest(self._configuration):
-                differences = _differences(held, self._configuration)
+            # Not by digests: the order in which completers or tasks were named decides nothing.
+            if differences := _differences(held, self._configuration):
                 shown = "; ".join(differences[:_SHOWN_DIFFERENCES])
                 more = f"; and {len(differences) - _SHOWN_DIFFERENCES} more" * (len(differences) > _SHOWN_DIFFERENCES)
                 raise PcdbenchError(f"{self.folder} holds another run ({shown}{more}); give another --out")

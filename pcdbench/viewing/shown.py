@@ -118,6 +118,8 @@ def ceiling_cut_m(points: NDArray[np.float64]) -> float | None:
     low, high = np.quantile(points, _CORE_QUANTILES, axis=0)
     if high[2] - low[2] < _LOWEST_CEILING_M or (high - low > _LARGEST_BUILDING_M).any():
         return None
+    # Strays, however far off, are no part of the plan.
+    points = points[((points >= low - 1.0) & (points <= high + 1.0)).all(axis=1)]
     _, cell = np.unique(cell_numbers(points[:, :2], _PLAN_CELL_M), return_inverse=True)
     level = np.floor((points[:, 2] - low[2]) / _LEVEL_M).astype(np.int64)
     first, last = (int((high[2] - low[2]) * share / _LEVEL_M) for share in (2 / 3, 1))

@@ -43,6 +43,27 @@ def test_holes_are_filled_and_nothing_else_changes(completer):
     assert done.confidence[done.added].min() >= 0 and done.confidence.max() <= 1 and not done.failures
 
 
+class KeepsAll(Completer):
+    """Keeps its input, in these numbers, and adds a grid on the floor."""
+
+    def __init__(self, kind):
+        super().__init__()
+        self.kind = kind
+
+    def complete(self, cloud, rng):
+        low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+        x, y = (np.arange(a, b, 0.08) for a, b in zip(low[:2], high[:2], strict=True))
+        grid = np.stack(np.meshgrid(x, y, [low[2]]), axis=-1).reshape(-1, 3)
+        points = np.concatenate([cloud.points, grid])
+        return PointCloud(points.astype(self.kind).astype(np.float64))
+
+
+def test_who_returns_its_input_in_float32_keeps_it_too():
+    scan = without(hall(size=(5.5, 5.0), color=False, even=True), HOLE, RADIUS_M)
+    exact, rounded = (pcdbench.complete(scan, KeepsAll(kind)).added.sum() for kind in (np.float64, np.float32))
+    assert exact > 400 and abs(int(exact) - int(rounded)) <= 5
+
+
 @pytest.mark.parametrize(("spacing_m", "even"), [(0.08, True), (0.03, True), (0.02, False)])
 def test_added_points_are_as_dense_as_the_observed_around(spacing_m, even):
     scan = without(hall(spacing_m, (4.0, 3.6), color=False, even=even), (2.2, 2, 0), 0.9)

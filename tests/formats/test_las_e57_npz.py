@@ -8,7 +8,7 @@ import pytest
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields
+from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields, read_observed
 
 POINTS = np.array([[1.5, -2.25, 3.0], [10.0, 2.5, -1.0], [0.125, 0.0, 9.0]])
 BYTES = np.array([[255, 0, 51], [1, 2, 3], [128, 64, 32]])
@@ -202,3 +202,21 @@ def test_what_libe57_says_of_its_source_lines_is_left_out(tmp_path):
     (tmp_path / "cut.e57").write_bytes(b"ASTM-E57" + bytes(52))
     with pytest.raises(CloudError, match=r"cut\.e57 cannot be read as E57 \([^*]*\); export it again$"):
         read_cloud(tmp_path / "cut.e57")
+
+
+def test_npz_of_many_fields_that_hardly_change_is_read_again(tmp_path):
+    """Twelve of them are more numbers than the file has bytes."""
+    rng = np.random.default_rng(0)
+    points = np.round(rng.random((1_050_000, 3)) * [10, 8, 2], 2)
+    fields = {f"f{number}": np.ones(len(points), np.uint8) for number in range(12)}
+    np.savez_compressed(tmp_path / "a.npz", points=points, **fields)
+    assert (tmp_path / "a.npz").stat().st_size < 12 * len(points)
+    _, found = read_cloud_and_fields(tmp_path / "a.npz")
+    assert found.keys() == fields.keys()
+
+
+def test_a_field_named_added_of_two_columns_marks_nothing(tmp_path):
+    twice = np.zeros((len(POINTS), 2))
+    np.savez(tmp_path / "a.npz", points=POINTS, added=twice, confidence=np.ones(len(POINTS)))
+    cloud, fields = read_observed(tmp_path / "a.npz", with_fields=True)
+    assert len(cloud) == len(POINTS) and fields["added"].shape == twice.shape

@@ -119,6 +119,9 @@ def test_two_states_of_a_completers_code_do_not_mix(tmp_path):
     with pytest.raises(PcdbenchError, match=r"one has completer a version 1 at code 1111, .*two at code 2222"):
         board_of_runs("b", [one, store_run(tmp_path / "two", more, code="2222")])
     assert len(board_of_runs("b", [one, store_run(tmp_path / "two", more, code="1111")]).tasks) == 2
+    other = [full_row("a", [1.0], scene=f"room{number}", options={"k": 2}) for number in range(7)]
+    with pytest.raises(PcdbenchError, match="their numbers do not mix"):
+        board_of_runs("b", [one, store_run(tmp_path / "three", other, code="2222")])
     floors = [store_run(tmp_path / f"f{code}", rows_of("incomplete", 1.0), code=code) for code in "12"]
     assert len(board_of_runs("b", [one, *floors]).completers) == 2
 

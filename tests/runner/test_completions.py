@@ -63,6 +63,13 @@ def test_a_limit_of_nothing_keeps_nothing(tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*"))
 
 
+def test_a_limit_of_nothing_drops_nothing_that_others_keep(tmp_path, monkeypatch):
+    CompletionCache(tmp_path, limit_mb=10).put("key", completion(0))
+    monkeypatch.setenv("PCDBENCH_COMPLETIONS_MB", "0")
+    CompletionCache(tmp_path).trim()
+    assert CompletionCache(tmp_path, limit_mb=10).get("key") is not None
+
+
 def test_a_limit_without_end_keeps_everything(tmp_path, monkeypatch):
     monkeypatch.setenv("PCDBENCH_COMPLETIONS_MB", "inf")
     cache = CompletionCache(tmp_path)

@@ -21,6 +21,12 @@ def test_references_are_added_and_cells_counted():
     assert len({cell.key for cell in planned.cells}) == 3 * 3 * 4
 
 
+def test_all_completers_without_references_are_those_that_are_none():
+    assert not any(its.reference for its in plan(replace(TINY, completers=["all"], references=False)).completers)
+    named = plan(replace(TINY, completers=["all", "incomplete"], references=False)).completers
+    assert [its.name for its in named if its.reference] == ["incomplete"]
+
+
 def test_seed_of_a_case_is_that_of_its_draw():
     cells = plan(replace(TINY, incompletenesses=["slab", "holes"])).cells
     seeds = {

@@ -103,6 +103,14 @@ def test_another_run_is_not_mixed_in_and_the_difference_is_named(tmp_path, chang
         assert store.rows().finished_keys == {"a"}
 
 
+def test_in_which_order_plugins_were_named_makes_no_other_run(tmp_path):
+    both = [{"name": name, "version": "1", "code": "x"} for name in "ab"]
+    with RunStore(tmp_path, CONFIGURATION | {"completers": both}, {}) as store:
+        store.append([row("a")])
+    with RunStore(tmp_path, CONFIGURATION | {"completers": both[::-1]}, {}) as store:
+        assert store.rows().finished_keys == {"a"}
+
+
 def test_a_run_that_does_not_say_what_it_is_is_another_one(tmp_path):
     (tmp_path / "run.json").write_text('{"schema_version": 1}')
     with pytest.raises(PcdbenchError, match=r"holds another run \(levels: none in that run"):

@@ -102,6 +102,12 @@ def test_clouds_farther_apart_than_any_building_have_no_ceiling(offset: tuple[fl
     assert time.perf_counter() - began < 0.5
 
 
+def test_a_few_strays_however_far_off_do_not_hide_the_ceiling() -> None:
+    room = np.concatenate([box((0, 0, 0), (5, 0.1, 2.6), 9000), box((0, 0, 2.58), (5, 4, 2.62), 9000)])
+    strays = np.full((5, 3), (5e8, 5.8e9, 3.0))
+    assert ceiling_cut_m(np.concatenate([room, strays])) == pytest.approx(ceiling_cut_m(room), abs=0.01)
+
+
 def test_generated_rooms_have_a_ceiling_and_tables_have_none(room: Scene) -> None:
     points = room.complete.points
     assert ceiling_cut_m(points[points[:, 2] < 1.0]) is None

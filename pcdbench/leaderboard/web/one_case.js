@@ -111,9 +111,10 @@ class OneCase {
     const { board, choice } = this,
       held = board.clouds[which];
     if (!held) {
-      const row =
-        board.completers.map((_, i) => board.row(which, i, 0)).find((its) => its.status === OK) ??
-        board.row(which, 0, 0);
+      // A task may not have measured this case; whichever did names it.
+      const rows = board.tasks.flatMap((_, task) => board.completers.map((_, i) => board.row(which, i, task)));
+      const run = rows.filter((its) => its.status !== STATUSES.indexOf("not run"));
+      const row = run.find((its) => its.status === OK) ?? run[0];
       this.clouds.replaceChildren(
         el(
           "p",
