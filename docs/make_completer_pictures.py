@@ -27,7 +27,7 @@ GENERATED = {"hall": "env002_crop0", "office": "env001_crop0"}
 LEVEL = 0.3
 # Of the rooms at 50 % those with the largest ChD over that of doing nothing, in leaderboards/.
 FAILING = "env009_crop0"
-FAILING_SCAN = "office_b_room08"
+FAILING_SCAN = "office_b_room10"
 WIDTH = 2000  # pixels
 
 

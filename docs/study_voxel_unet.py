@@ -51,6 +51,7 @@ LEVELS = (0.1, 0.3, 0.5)
 ROOMS = 8
 HELD_OUT = range(40_000, 40_040)  # pairs of crops that no training came to
 MIN_POINTS = 8000
+NARROW = (16, 32, 64, 96, 128)  # what the study of sizes was made with, and the network had until version 6
 BARE = Recipe(**dict.fromkeys((kind.name for kind in fields(Recipe)), False))
 
 
@@ -82,10 +83,10 @@ VARIANTS = {
     "one light": Variant(Recipe(color=False)),
     "voxels of 1.25 spacings": Variant(voxel_spacings=1.25),
     "voxels of 2.5 spacings": Variant(voxel_spacings=2.5),
-    "five levels": Variant(fresh=True),
-    "four levels": Variant(widths=WIDTHS[:4], fresh=True),
-    "three levels": Variant(widths=WIDTHS[:3], fresh=True),
-    "half the width": Variant(widths=tuple(width // 2 for width in WIDTHS), fresh=True),
+    "five levels": Variant(widths=NARROW, fresh=True),
+    "four levels": Variant(widths=NARROW[:4], fresh=True),
+    "three levels": Variant(widths=NARROW[:3], fresh=True),
+    "half the width": Variant(widths=tuple(width // 2 for width in NARROW), fresh=True),
 }
 
 

@@ -233,12 +233,15 @@ FAULTY_TASKS = {
     "cannot tell them apart": task(lambda case, completed, rng: gap(1.0)),
     "must return pcdbench.Measurements, not float": task(lambda case, completed, rng: 1.0),
     "returned 'other', which its `metrics` do not declare": task(lambda *_: Measurements({"other": [1.0]})),
-    "declares ['gap_m'] but measures []": task(lambda *_: Measurements({})),
+    "the task returned no samples of 'gap_m'": task(lambda *_: Measurements({})),
+    "declares ['gap_m', 'more_m'] but measures ['gap_m']": task(
+        lambda *_: gap(1.0), metrics=(METRIC, Metric("more_m", "m", "lower", "another one"))
+    ),
     "samples of 'gap_m' not finite": task(lambda case, completed, rng: gap(float("nan"))),
     "must be a sequence of numbers, not of shape ()": task(lambda *_: Measurements({"gap_m": 0.1})),  # type: ignore[dict-item]
     "the samples of 'gap_m' are not numbers": task(lambda *_: Measurements({"gap_m": ["far"]})),  # type: ignore[list-item]
     "the samples must be a dict, not list": task(lambda *_: Measurements([0.1])),  # type: ignore[arg-type]
-    "has no samples": task(lambda case, completed, rng: gap()),
+    "raise pcdbench.Skipped where there are none": task(lambda case, completed, rng: gap()),
     "one label a sample": task(lambda case, completed, rng: gap(1.0, labels={"gap_m": ["a", "b"]})),
     "must be a list with one label a sample": task(lambda case, completed, rng: gap(1.0, labels={"gap_m": 3})),
     "labels ['gap'], of which it has no samples": task(lambda case, completed, rng: gap(1.0, labels={"gap": ["a"]})),

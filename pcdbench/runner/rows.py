@@ -83,7 +83,8 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
     """The measurements as the row keeps them: samples, labels and meaning by metric, and the trace.
 
     Raises:
-        PluginError: naming the metric that is not declared, not numbers or not finite, or has no labels of its samples.
+        PluginError: naming the metric that is not declared, not numbers or not finite, or has no labels of its samples;
+            where the main one has no samples.
     """
     import numpy as np
 
@@ -122,6 +123,10 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
                     f"{name!r} has {samples.size} samples and {len(labels)} labels; give one label a sample"
                 )
             metrics[name]["labels"] = labels
+    main = task.metrics[0].name
+    if main not in metrics or not metrics[main]["samples"]:
+        # It would count as a case and have no part in the average.
+        raise PluginError(f"the task returned no samples of {main!r}; raise pcdbench.Skipped where there are none")
     return {"metrics": metrics, "trace": _as_json(measurements.trace)}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pcdbench.case import make_case
-from pcdbench.errors import Skipped
+from pcdbench.errors import PluginError, Skipped
 from pcdbench.runner import selection
 from pcdbench.runner.completions import CompletionCache
 from pcdbench.runner.execute import Executor
@@ -258,3 +258,10 @@ def test_samples_are_kept_to_nine_digits():
         "samples"
     ]
     assert kept == [1.23456789, 3.33333333e-8]
+
+
+@pytest.mark.parametrize("samples", [{}, {"error_m": []}, {"other_m": [1.0]}])
+def test_without_samples_of_the_main_metric_nothing_was_measured(samples):
+    task = SimpleNamespace(metrics=tuple(Metric(name, "m", "lower", "its meaning") for name in ("error_m", "other_m")))
+    with pytest.raises(PluginError, match=r"no samples of .error_m.; raise pcdbench\.Skipped"):
+        samples_by_metric(task, Measurements(samples))
