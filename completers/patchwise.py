@@ -52,9 +52,11 @@ class PatchwiseOptions(pcdbench.Options):
     )
 
     @model_validator(mode="after")
-    def _passes_are_used(self) -> Self:
+    def _merging_is_used(self) -> Self:
         if self.passes > 1 and not self.keep_observed:
             raise ValueError("a second pass goes on from what the first one added; add keep_observed=true, or passes=1")
+        if self.clearance_spacings != type(self).model_fields["clearance_spacings"].default and not self.keep_observed:
+            raise ValueError("clearance_spacings says where nothing was observed; add keep_observed=true, or leave it")
         return self
 
 

@@ -92,16 +92,16 @@ def predict(
 
 def _tiles_with_points(blocks: dict[tuple[int, ...], NDArray[np.int64]], grid: Grid) -> Iterator[tuple[_Span, ...]]:
     """The tiles that read a block with points, in order: one stray far off must not cost all the space between."""
-    spans = [_spans(size) for size in grid.shape]
+    counts = [_span_count(size) for size in grid.shape]
     numbers = {
         number
         for block in blocks
         for number in product(
-            *(range(max(at - 1, 0), min(at, len(its) - 1) + 1) for at, its in zip(block, spans, strict=True))
+            *(range(max(at - 1, 0), min(at, count - 1) + 1) for at, count in zip(block, counts, strict=True))
         )
     }
     for number in sorted(numbers):
-        yield tuple(its[at] for at, its in zip(number, spans, strict=True))
+        yield tuple(_span(size, at) for size, at in zip(grid.shape, number, strict=True))
 
 
 def _may_be_surface(
@@ -185,12 +185,15 @@ class _Span:
         return self.used[0] - 1, self.used[1] + 1
 
 
-def _spans(size: int) -> list[_Span]:
-    """The tiles along an axis; the used parts make up the whole, and all begin at multiples of the coarsest voxel."""
+def _span_count(size: int) -> int:
+    """How many tiles there are along an axis."""
+    return 1 if size <= TILE else len(range(0, size - 2 * HALO, STEP))
+
+
+def _span(size: int, number: int) -> _Span:
+    """That of a tile along an axis; used parts make up the whole, and all begin at multiples of the coarsest voxel."""
     if size <= TILE:
-        return [_Span((0, size), (0, size))]
-    spans = []
-    for start in range(0, size - 2 * HALO, STEP):
-        end = min(size, start + TILE)
-        spans.append(_Span((start, end), (start + HALO if start else 0, end - HALO if end < size else size)))
-    return spans
+        return _Span((0, size), (0, size))
+    start = STEP * number
+    end = min(size, start + TILE)
+    return _Span((start, end), (start + HALO if start else 0, end - HALO if end < size else size))

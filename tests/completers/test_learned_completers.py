@@ -178,6 +178,8 @@ def test_a_second_pass_goes_on_from_what_the_first_one_added():
     assert 0.6 < reached(1) < 0.8 and reached(2) < 0.35
     with pytest.raises(ValidationError, match="keep_observed=true"):
         PatchwiseOptions(passes=2)
+    with pytest.raises(ValueError, match="add keep_observed=true, or leave it"):
+        PatchwiseOptions(clearance_spacings=2.0)
 
 
 def test_the_networks_own_cloud_has_its_points_in_every_patch(networks, room):

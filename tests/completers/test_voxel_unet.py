@@ -431,6 +431,18 @@ def test_a_stray_far_off_costs_nothing() -> None:
     assert len(both) - 1 == pytest.approx(len(alone), rel=0.1)
 
 
+def test_tiles_are_those_with_points_however_far_apart() -> None:
+    grid = Grid(np.zeros(3), 0.1, (10**9, 50, 200), 0.0, Prism.around(room(300).points, 0.2))
+    last = (10**9 - 1) // tiles.STEP
+    blocks = {(0, 0, 0): np.zeros(1, np.int64), (last, 0, 1): np.zeros(1, np.int64)}
+    began = time.monotonic()
+    found = list(tiles._tiles_with_points(blocks, grid))
+    assert time.monotonic() - began < 1
+    assert found[0][0].read == (0, tiles.TILE) and found[0][1].read == (0, 50)
+    assert found[-1][0].read[1] == found[-1][0].used[1] == 10**9
+    assert found[-1][2].used == (tiles.STEP + tiles.HALO, 2 * tiles.STEP + tiles.HALO)
+
+
 @trained
 def test_it_needs_no_colour_and_moves_with_the_cloud() -> None:
     cloud = with_hole(room(5000), (4.5, 2.0, 0.0), 0.8)
