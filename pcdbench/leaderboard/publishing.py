@@ -35,7 +35,7 @@ def publish(board: Board, folder: Path, clouds: Sequence[CaseClouds] = ()) -> li
     Raises:
         PcdbenchError: where the folder cannot be written.
     """
-    page = board_page(board, clouds, case_command=f"pcdbench leaderboard case leaderboards/{board.name}")
+    page = board_page(board, clouds, case_command=f"pcdbench leaderboard case {shown_folder(board.name, folder)}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         write_board(board, folder / LEADERBOARD)
@@ -49,9 +49,14 @@ def publish(board: Board, folder: Path, clouds: Sequence[CaseClouds] = ()) -> li
     return [folder / name for name in names]
 
 
+def shown_folder(name: str, folder: Path) -> str:
+    """A board's folder as readers type it: as it was given, or by the board's name where it is of one machine alone."""
+    return name if folder.is_absolute() or ".." in folder.parts else folder.as_posix()
+
+
 def build_commands(name: str, folder: Path) -> Sequence[str]:
     """The commands that measure and build a board again; a folder with a suite says what to measure."""
-    shown = f"leaderboards/{name}"
+    shown = shown_folder(name, folder)
     if (folder / SUITE).is_file():
         return [f"pcdbench run {shown}/{SUITE} --out runs/{name}", f"pcdbench leaderboard build runs/{name} -o {shown}"]
     return [f"pcdbench leaderboard build RUN... -o {shown}"]

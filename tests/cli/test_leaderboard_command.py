@@ -42,7 +42,8 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path, monkeypatch):
         path.name for path in folder.iterdir()
     }
     assert "boards/tiny/leaderboard.json" in built.stdout.splitlines()
-    assert "pcdbench run leaderboards/tiny/suite.toml --out runs/tiny" in (folder / "README.md").read_text()
+    assert "pcdbench run boards/tiny/suite.toml --out runs/tiny" in (folder / "README.md").read_text()
+    assert "pcdbench leaderboard case boards/tiny" in (folder / "index.html").read_text()
     assert (folder / "suite.toml").read_text() == SUITE
 
     reports = ["--markdown", "out/summary.md", "--junit", "out/junit.xml", "--jobs", "1"]
