@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 import pcdbench
 from pcdbench.geometry.neighbors import loose_tree, nearest
+from pcdbench.options import changed
 from pcdbench.threads import thread_count
 from pcdbench.weights import LearnedCompleter
 
@@ -55,7 +56,7 @@ class PatchwiseOptions(pcdbench.Options):
     def _merging_is_used(self) -> Self:
         if self.passes > 1 and not self.keep_observed:
             raise ValueError("a second pass goes on from what the first one added; add keep_observed=true, or passes=1")
-        if self.clearance_spacings != type(self).model_fields["clearance_spacings"].default and not self.keep_observed:
+        if changed(self, "clearance_spacings") and not self.keep_observed:
             raise ValueError("clearance_spacings says where nothing was observed; add keep_observed=true, or leave it")
         return self
 

@@ -18,3 +18,12 @@ class Options(BaseModel):
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def changed(options: Options, *names: str) -> list[str]:
+    """Those of these options that have another value than their default.
+
+    Options that are read back from a row have all their values, so that whether one was given tells nothing.
+    """
+    fields = type(options).model_fields
+    return [name for name in names if getattr(options, name) != fields[name].default]

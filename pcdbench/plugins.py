@@ -14,11 +14,14 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import pluggy
 
 from pcdbench.errors import PluginError, told
+
+if TYPE_CHECKING:
+    from pcdbench.task import Metric
 
 GROUP = "pcdbench"
 hookspec = pluggy.HookspecMarker(GROUP)
@@ -150,12 +153,22 @@ def _require_sound_class(registration: Registration, cls: Any) -> None:
         listed = isinstance(declared.metrics, Sequence)
         if not (listed and all(isinstance(metric, pcdbench.Metric) for metric in declared.metrics)):
             raise PluginError(f"{who}: its metrics must be a tuple of pcdbench.Metric, not {declared.metrics!r}")
-        for metric in declared.metrics:
-            # Rows of other ones could not be read again.
-            for what, known in (("direction", ("lower", "higher")), ("summary", ("median", "mean"))):
-                if getattr(metric, what) not in known:
-                    its = getattr(metric, what)
-                    raise PluginError(f"{who}: the {what} of {metric.name} is {its!r}; {' or '.join(known)}")
+        _require_readable_rows(who, declared.metrics)
+
+
+def _require_readable_rows(who: str, metrics: Sequence[Metric]) -> None:
+    """Refuse metrics whose rows could not be read again: better now than after hours of running."""
+    for metric in metrics:
+        for what in ("name", "unit"):
+            if not isinstance(getattr(metric, what), str):
+                raise PluginError(f"{who}: the {what} of metric {metric.name!r} is no text: {getattr(metric, what)!r}")
+        for what, known in (("direction", ("lower", "higher")), ("summary", ("median", "mean"))):
+            if getattr(metric, what) not in known:
+                its = getattr(metric, what)
+                raise PluginError(f"{who}: the {what} of {metric.name} is {its!r}; {' or '.join(known)}")
+    names = [metric.name for metric in metrics]
+    if len(set(names)) < len(names):
+        raise PluginError(f"{who} names a metric twice: {', '.join(names)}")
 
 
 @dataclass

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pcdbench import options
 from pcdbench.case import Case
@@ -58,6 +58,15 @@ class Tracking(Task):
         live_points: int = Field(3000, ge=20, description="rays of a live scan")
         noise_m: float = Field(0.01, ge=0, description="standard deviation of a live range, metres")
         kiss_icp_voxel_m: float = Field(0.06, gt=0, description="voxel size of the local map of kiss_icp")
+
+        @model_validator(mode="after")
+        def _options_are_used(self) -> Self:
+            registering = ("scales_m", "constant_velocity", "gate_m", "gate_deg", "reference_fov_deg")
+            names = registering if self.method == "kiss_icp" else ("kiss_icp_voxel_m",)
+            if unused := options.changed(self, *names):
+                named = ", ".join(unused)
+                raise ValueError(f"{named} would have no effect with method={self.method}; leave out what has none")
+            return self
 
     options: Options
     metrics = (

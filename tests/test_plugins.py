@@ -139,14 +139,24 @@ def test_metrics_that_are_none_are_refused(entry_point: Callable[..., EntryPoint
         found.get("task", "odd_one").load()
 
 
-class MeansOfItsOwn(MetricsByName):
-    metrics = (Metric("gap_m", "m", "lower", "the mean gap", summary="p90"),)  # type: ignore[arg-type]
-
-
-def test_metrics_whose_rows_nobody_could_read_again_are_refused(entry_point: Callable[..., EntryPoint]) -> None:
-    found = load_registry([entry_point("odd", register_tasks=registering("odd_one", f"{__name__}:MeansOfItsOwn"))])
-    with pytest.raises(PluginError, match="the summary of gap_m is 'p90'; median or mean"):
+@pytest.mark.parametrize(
+    ("metrics", "says"),
+    [
+        ([("gap_m", "m", "lower", "f", "p90")], "the summary of gap_m is 'p90'; median or mean"),
+        ([("gap_m", "m", "less", "f")], "the direction of gap_m is 'less'; lower or higher"),
+        ([("gap_m", None, "lower", "f")], "the unit of metric 'gap_m' is no text: None"),
+        ([(3, "m", "lower", "f")], "the name of metric 3 is no text: 3"),
+        ([("gap_m", "m", "lower", "f"), ("gap_m", "m", "higher", "f")], "names a metric twice: gap_m, gap_m"),
+    ],
+)
+def test_metrics_whose_rows_nobody_could_read_again_are_refused(
+    entry_point: Callable[..., EntryPoint], monkeypatch: pytest.MonkeyPatch, metrics: list[Any], says: str
+) -> None:
+    monkeypatch.setattr(MetricsByName, "metrics", tuple(Metric(*its) for its in metrics))
+    found = load_registry([entry_point("odd", register_tasks=registering("odd_one", f"{__name__}:MetricsByName"))])
+    with pytest.raises(PluginError, match="task 'odd_one': ") as caught:
         found.get("task", "odd_one").load()
+    assert str(caught.value).endswith(says)
 
 
 @pytest.mark.parametrize("weights", [["no/w.safetensors"], [Path("no/w.safetensors")], "no/w.safetensors"])

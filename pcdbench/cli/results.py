@@ -34,22 +34,21 @@ def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Forma
         has_styles,
         markdown,
         print_tables,
-        records,
         summary_tables,
     )
     from pcdbench.leaderboard.summary import foreknowledge, reasons, summarize, unseen_shares
 
+    if format == "json":
+        typer.echo(json.dumps(_record(rows, folder), indent=2))
+        return
     summary = summarize(rows)
+    if format == "csv":
+        typer.echo(summary.to_csv(index=False), nl=False)
+        return
     # Real pairs alone have such shares, and rows are read from disk.
     told = unseen_shares(rows) if (summary["level"] == MEASURED).any() else []
-    foreknown = foreknowledge(rows)
-    told += [f"{name}: {what}" for name, what in foreknown.items()]
-    if format == "json":
-        content = {"run": str(folder), "summary": records(summary), "reasons": reasons(rows), "foreknown": foreknown}
-        typer.echo(json.dumps(content, indent=2))
-    elif format == "csv":
-        typer.echo(summary.to_csv(index=False), nl=False)
-    elif format == "markdown":
+    told += [f"{name}: {what}" for name, what in foreknowledge(rows).items()]
+    if format == "markdown":
         lost = "".join(f"- {escaped_markdown(reason)}\n" for reason in reasons(rows))
         more = "".join(f"\n{escaped_markdown(line)}\n" for line in told)
         typer.echo(f"{markdown(summary_tables(summary))}\n{LEGEND}\n{more}{lost}", nl=False)
@@ -60,6 +59,29 @@ def print_summary(rows: Sequence[Mapping[str, Any]], folder: Path, format: Forma
         for line in told:
             console.print(line, markup=False, soft_wrap=True)
         print_reasons(reasons(rows), console)
+
+
+def print_together(runs: Mapping[Path, Sequence[Mapping[str, Any]]], format: Literal["json", "csv"]) -> None:
+    """Print several runs' rows, by folder, as one document: a JSON list, or CSV whose first column is the folder."""
+    import pandas as pd
+
+    from pcdbench.leaderboard.summary import summarize
+
+    if format == "json":
+        typer.echo(json.dumps([_record(rows, folder) for folder, rows in runs.items()], indent=2))
+    else:
+        tables = {str(folder): summarize(rows) for folder, rows in runs.items()}
+        together = pd.concat(tables, names=["run", None]).reset_index("run")
+        typer.echo(together.to_csv(index=False), nl=False)
+
+
+def _record(rows: Sequence[Mapping[str, Any]], folder: Path) -> dict[str, Any]:
+    """What programs are told of a run."""
+    from pcdbench.leaderboard.render import records
+    from pcdbench.leaderboard.summary import foreknowledge, reasons, summarize
+
+    told = {"summary": records(summarize(rows)), "reasons": reasons(rows), "foreknown": foreknowledge(rows)}
+    return {"run": str(folder), **told}
 
 
 def table_console() -> Any:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from pcdbench.cli.results import Format
+from pcdbench.cli.results import Format, print_summary, print_together
 
 if TYPE_CHECKING:
     from pcdbench.runner.jobs import CellExecutor, Limits
@@ -84,6 +84,7 @@ def run(
     for line in _left_out({name: reason for planned in plans for name, reason in planned.left_out.items()}):
         typer.echo(f"pcdbench: {line}", err=True)
     failed, measured, reasons = 0, False, []
+    untold: dict[Path, Sequence[Mapping[str, Any]]] = {}  # programs are given one document
     with _place_for_cells(executor, scheduler, jobs, limits) as place:
         for number, planned in enumerate(plans, start=1):
             folder = out if out is None or len(plans) == 1 else out / str(number)
@@ -96,7 +97,13 @@ def run(
             measured |= any(row["status"] == "ok" for row in ended.rows)
             if not measured:
                 reasons += [row["error"] for row in ended.rows if row["status"] == "skipped"]
-            _show(planned, ended, format, figures)
+            if format in ("json", "csv") and len(plans) > 1:
+                untold[ended.folder] = ended.rows
+            else:
+                print_summary(ended.rows, ended.folder, format)
+            _tell(planned, ended, figures)
+    if untold:
+        print_together(untold, "json" if format == "json" else "csv")
     if failed:
         typer.echo(f"pcdbench: {failed} rows failed; the same command tries them again", err=True)
         raise typer.Exit(3)
@@ -173,12 +180,10 @@ def requests_of(
     return [request if seed is None else replace(request, seed=seed)]
 
 
-def _show(planned: Plan, ended: Run, format: Format, figures: bool) -> None:
-    """Print what a run added up to, and draw one case of it."""
-    from pcdbench.cli.results import print_summary
+def _tell(planned: Plan, ended: Run, figures: bool) -> None:
+    """Say where a run's rows are, and draw one case of it."""
     from pcdbench.leaderboard.figures import write_case_picture, write_task_figures
 
-    print_summary(ended.rows, ended.folder, format)
     typer.echo(f"rows: {ended.folder / 'rows.jsonl'}", err=True)
     try:
         picture = write_case_picture(planned, ended.rows, ended.folder)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from pcdbench import options
 from pcdbench.cloud import PointCloud
@@ -63,6 +64,12 @@ class Clouds(Dataset):
             if not Path(partials).parts:
                 raise ValueError(f"{partials!r} fits no name; give a pattern (sub_*.ply), or * for all other clouds")
             return partials
+
+        @model_validator(mode="after")
+        def _pairs_are_asked_for(self) -> Self:
+            if not self.complete and options.changed(self, "partials"):
+                raise ValueError("partials would have no effect without the complete scan; add complete=FILE")
+            return self
 
     options: Options
     default_split = "all"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -51,12 +52,13 @@ def publish(board: Board, folder: Path, clouds: Sequence[CaseClouds] = ()) -> li
 
 def shown_folder(name: str, folder: Path) -> str:
     """A board's folder as readers type it: as it was given, or by the board's name where it is of one machine alone."""
-    return name if folder.is_absolute() or ".." in folder.parts else folder.as_posix()
+    return shlex.quote(name if folder.is_absolute() or ".." in folder.parts else folder.as_posix())
 
 
 def build_commands(name: str, folder: Path) -> Sequence[str]:
     """The commands that measure and build a board again; a folder with a suite says what to measure."""
     shown = shown_folder(name, folder)
     if (folder / SUITE).is_file():
-        return [f"pcdbench run {shown}/{SUITE} --out runs/{name}", f"pcdbench leaderboard build runs/{name} -o {shown}"]
+        suite, run = shown_folder(f"{name}/{SUITE}", folder / SUITE), shlex.quote(f"runs/{name}")
+        return [f"pcdbench run {suite} --out {run}", f"pcdbench leaderboard build {run} -o {shown}"]
     return [f"pcdbench leaderboard build RUN... -o {shown}"]

@@ -147,6 +147,9 @@ class _Group:
     samples: array[float] = field(default_factory=lambda: array("d"))
 
     def add(self, scene: str, environment: str, missing: float, samples: Sequence[float]) -> None:
+        # Rows of earlier versions may have none: whoever measured nothing there has no more cases for it.
+        if not samples:
+            return
         self.scenes.append(scene)
         self.environments.append(environment)
         self.missing.append(missing)
@@ -219,7 +222,7 @@ class _Tally:
                 | costs.get((incompleteness, level, completer), {})
             )
         for (task, incompleteness, level, completer), lost in self._lost.items():
-            if (task, incompleteness, level, completer) not in self._by_cell:
+            if not self._by_cell.get((task, incompleteness, level, completer)):
                 records.append(
                     {"task": task, "incompleteness": incompleteness, "level": level, "completer": completer}
                     | {"reference": self._references[completer], "scenes": 0, "cases": 0, "missing": np.nan}

@@ -268,6 +268,24 @@ def test_failures_are_counted_and_shown_in_every_format(run, tmp_path):
     assert (tmp_path / "run" / "figures" / "tiny_gap_by_level.png").stat().st_size > 1000
 
 
+def test_several_seeds_are_one_document_for_programs(run, tmp_path):
+    (tmp_path / "suite.toml").write_text(
+        'dataset = "tiny"\nincompletenesses = ["slab"]\nlevels = [0.3]\ncompleters = ["tiny_fill"]\n'
+        'tasks = ["tiny_gap"]\nseeds = [0, 7]\n'
+    )
+    folders = ["two/1", "two/2"]
+    ended = run("run", "suite.toml", "--out", "two", "--format", "json")
+    content = json.loads(ended.stdout)
+    assert [its["run"] for its in content] == folders
+    assert content[0] == json.loads(run("results", "two/1", "--format", "json").stdout)
+    assert [f"rows: {folder}/rows.jsonl" in ended.stderr for folder in folders] == [True, True]
+    table = list(csv.DictReader(run("run", "suite.toml", "--out", "two", "--format", "csv").stdout.splitlines()))
+    assert [line["run"] for line in table] == [its["run"] for its in content for _ in its["summary"]]
+    assert [line["completer"] for line in table] == [line["completer"] for its in content for line in its["summary"]]
+    pages = run("run", "suite.toml", "--out", "two", "--format", "markdown").stdout
+    assert pages == "".join(run("results", folder, "--format", "markdown").stdout for folder in folders)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -219,9 +219,10 @@ def test_pairs_that_are_not_there_are_named(folder):
         ({"partials": "."}, "'.' fits no name; give a pattern"),
         ({"complete": "sub/full.ply"}, "'sub/full.ply' is no name of a file .*; give the name alone"),
         ({"complete": "."}, "'.' is no name of a file"),
+        ({"partials": "sub_*.ply"}, "partials would have no effect without the complete scan; add complete=FILE"),
     ],
 )
-def test_options_that_can_name_no_file_are_refused(options, message):
+def test_options_of_pairs_that_cannot_work_are_refused(options, message):
     with pytest.raises(ValueError, match=message):
         Clouds.Options(**options)
 

@@ -18,7 +18,7 @@ from pcdbench.leaderboard.board_figures import _figures
 from pcdbench.leaderboard.board_file import SCHEMA_VERSION, board_json, read_board, write_board
 from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.building import board_of_runs
-from pcdbench.leaderboard.publishing import publish
+from pcdbench.leaderboard.publishing import build_commands, publish
 from pcdbench.leaderboard.statistics import Estimate
 
 OLD = Path(__file__).parent / "old_boards"
@@ -73,6 +73,19 @@ def test_the_same_board_gives_the_same_files(board, published, tmp_path):
     assert {"README.md", "leaderboard.csv", "leaderboard.parquet", "leaderboard.json"} <= {name.name for name in names}
     for name in names:
         assert (tmp_path / name).read_bytes() == (published / name).read_bytes(), name
+
+
+@pytest.mark.parametrize(
+    ("folder", "shown"),
+    [
+        ("board", "board"),
+        ("up/my boards/b", "'up/my boards/b'"),
+        ("../b", "'rooms board'"),
+        ("/somebody/s/own", "'rooms board'"),
+    ],
+)
+def test_the_commands_of_a_board_can_be_typed(folder, shown):
+    assert build_commands("rooms board", Path(folder)) == [f"pcdbench leaderboard build RUN... -o {shown}"]
 
 
 def test_boards_of_old_versions_are_read():

@@ -18,13 +18,24 @@ def test_samples_of_all_cases_are_pooled():
     rows = [
         result_row("a", [1, 2, 3], scene="x", seconds=1.0),
         result_row("a", [10], scene="y", seconds=3.0),
-        result_row("a", [], scene="z", seconds=8.0),
+        result_row("a", [3], scene="y", draw=1, seconds=8.0),
     ]
     (line,) = records(summarize(rows))
-    assert (line["median"], line["mean"], line["scenes"], line["cases"]) == (2.5, 4.0, 3, 3)
-    assert line["p90"] == pytest.approx(np.quantile([1, 2, 3, 10], 0.9))
+    assert (line["median"], line["mean"], line["scenes"], line["cases"]) == (3.0, 3.8, 2, 3)
+    assert line["p90"] == pytest.approx(np.quantile([1, 2, 3, 3, 10], 0.9))
     assert (line["seconds"], line["memory_mb"]) == (3.0, 2.0)
-    assert line["median_low"] <= 2.5 <= line["median_high"]
+    assert line["median_low"] <= 3.0 <= line["median_high"]
+
+
+def test_a_case_without_samples_was_not_measured_and_takes_no_bold():
+    rows = [result_row(name, [1.0], scene=scene) for scene in "xy" for name in "ab"]
+    rows += [result_row("a", [0.5], scene="z"), result_row("b", [], scene="z"), result_row("b", [], scene="w")]
+    first, second = records(summarize(rows))
+    assert [(line["scenes"], line["cases"]) for line in (first, second)] == [(3, 3), (2, 2)]
+    page = markdown(summary_tables(summarize(rows)))
+    assert [line.split("|")[2].strip() for line in page.splitlines() if "**" in line] == ["**a**"]
+    unmeasured = result_row("c", []) | {"metrics": {}}
+    assert [(line["completer"], line["cases"]) for line in records(summarize([*rows, unmeasured]))][2:] == [("c", 0)]
 
 
 def test_scenes_of_one_environment_are_drawn_together():

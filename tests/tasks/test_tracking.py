@@ -27,6 +27,27 @@ def test_the_truth_is_tracked(half_room, options):
     assert np.median(found["relative_error_m"]) < 0.03
 
 
+@pytest.mark.parametrize(
+    ("options", "unused"),
+    [
+        ({"method": "kiss_icp", "scales_m": (2.0,), "constant_velocity": True}, "scales_m, constant_velocity"),
+        ({"method": "kiss_icp", "gate_m": 0.2, "gate_deg": 9.0}, "gate_m, gate_deg"),
+        ({"method": "kiss_icp", "reference_fov_deg": (90.0, 80.0)}, "reference_fov_deg"),
+        ({"kiss_icp_voxel_m": 0.1}, "kiss_icp_voxel_m"),
+        ({"method": "gicp", "kiss_icp_voxel_m": 0.1}, "kiss_icp_voxel_m"),
+    ],
+)
+def test_options_of_another_method_are_refused(options, unused):
+    with pytest.raises(ValidationError, match=f"{unused} would have no effect with method="):
+        Tracking.Options(**options)
+
+
+@pytest.mark.parametrize("method", ["ndt", "gicp", "kiss_icp"])
+def test_options_read_back_from_a_row_are_taken(method):
+    its = Tracking.Options(method=method)
+    assert Tracking.Options.model_validate(its.model_dump(mode="json")) == its
+
+
 def test_metrics_are_declared_and_the_samples_are_the_steps(half_room):
     found = evaluated(half_room, half_room.cloud, steps=12).samples
     assert list(found) == [metric.name for metric in Tracking.metrics]
