@@ -147,7 +147,9 @@ def _verdict(
     unusable: Sequence[str],
 ) -> str:
     count = sum(len(findings) for _, findings in checked)
-    lines = [f"{dataset}: {len(checked)} scenes, {len(checked) - len(unusable)} come out, {count} findings"]
+    scenes = "1 scene" if len(checked) == 1 else f"{len(checked)} scenes"
+    findings = "1 finding" if count == 1 else f"{count} findings"
+    lines = [f"{dataset}: {scenes}, {len(checked) - len(unusable)} come out, {findings}"]
     if len(splits) > 1:
         lines.append("splits: " + ", ".join(f"{split} ({len(scenes)})" for split, scenes in splits.items()))
     if unusable:

@@ -144,7 +144,7 @@ def write_cloud(
     """Write a cloud; its folder is created, and the file appears complete or not at all.
 
     Coordinates keep 0.05 mm at any map offset; colours are rounded to 8 bits, in LAS and LAZ to 16, and kept
-    as they are in NPZ. A `CloudWarning` says where E57 or PLY keeps less.
+    as they are in NPZ. A `CloudWarning` says where E57, LAS or PLY keeps less.
 
     Args:
         cloud: at least one point.

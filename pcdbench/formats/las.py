@@ -103,8 +103,10 @@ def _pieces(path: Path) -> Iterator[Any]:
 
 def write(
     cloud: PointCloud, path: Path, fields: Fields = NO_FIELDS, exact: bool = False, like: Path | None = None
-) -> None:
+) -> str | None:
     """Write LAS with coordinates of 0.1 mm from a whole-metre offset near the cloud, and 16-bit colours.
+
+    Clouds farther apart than 400 km, by a stray or two, have coarser coordinates; what is returned says so.
 
     Fields of the names of LAS's own dimensions are these, in the smallest point format that holds them (LAS 1.2, or 1.4
     from format 6 on); all others are extra dimensions. Where it must be exact, coordinates are as fine as it takes,
@@ -114,8 +116,8 @@ def write(
 
     offset = np.floor(cloud.points.min(axis=0) / 2 + cloud.points.max(axis=0) / 2)
     scale_m = _finest_needed(cloud.points - offset) if exact else _SCALE_M
-    if np.abs(cloud.points - offset).max() / scale_m > np.iinfo(np.int32).max:
-        raise CloudError(f"{path}: LAS holds clouds of up to 400 km at 0.1 mm; write PLY instead")
+    while np.abs(cloud.points - offset).max() / scale_m > np.iinfo(np.int32).max:
+        scale_m *= 10
     told = _description(like)
     columns = flat_fields(fields, _LONGEST_NAME)
     point_format, own = _smallest_point_format(columns, cloud.colors is not None)
@@ -140,6 +142,12 @@ def write(
         las[extra.get(name, name)] = np.nan_to_num(column) if name in own else column
     with path.open("wb") as stream:
         las.write(stream, do_compress=path.suffix.lower() == ".laz", laz_backend=laspy.LazBackend.Lazrs)
+    if scale_m <= _SCALE_M:
+        return None
+    return (
+        f"LAS holds points so far apart in steps of {scale_m:.3g} m, which moves them by up to half of that; leave out "
+        "strays, or write PLY"
+    )
 
 
 @dataclass(frozen=True)

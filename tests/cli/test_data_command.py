@@ -78,7 +78,7 @@ def test_whatever_a_data_set_raises_is_a_finding_of_that_scene(tmp_path, monkeyp
     assert ended.exit_code == 1
     first, *rest = ended.stdout.splitlines()
     assert first.startswith("a: TypeError: ") and "'rows'" in first
-    assert rest == [f"clouds:{tmp_path}: 2 scenes, 1 come out, 1 findings", "cannot be used: a"]
+    assert rest == [f"clouds:{tmp_path}: 2 scenes, 1 come out, 1 finding", "cannot be used: a"]
 
 
 @pytest.mark.parametrize("rows", [np.arange(7), np.arange(600)[::-1], np.arange(600) + 1])
@@ -106,9 +106,9 @@ def test_s3dis_is_told_file_by_file_and_line_by_line(tmp_path):
     assert first.startswith(
         "area1-office_1: Area_1/office_1/Annotations/chair_1.txt:5: a stray byte in '1.000 1.000 1.000 12\\x108.000"
     )
-    assert verdict == f"s3dis:{root}: 3 scenes, 3 come out, 1 findings"
+    assert verdict == f"s3dis:{root}: 3 scenes, 3 come out, 1 finding"
     assert splits == "splits: all (3), area1 (2), area3 (1)"
-    assert check(f"s3dis:{root}", "--split", "area3").stdout == f"s3dis:{root}: 1 scenes, 1 come out, 0 findings\n"
+    assert check(f"s3dis:{root}", "--split", "area3").stdout == f"s3dis:{root}: 1 scene, 1 come out, 0 findings\n"
 
 
 def test_json_holds_the_same(tmp_path):
@@ -138,7 +138,7 @@ def test_posed_images_are_checked_too(tmp_path):
     ended = check(f"rgbd:{tmp_path}")
     assert ended.exit_code == 1
     assert "none of its frames can be used (1 with no depth image)" in ended.stdout
-    assert ended.stdout.splitlines()[-2] == f"rgbd:{tmp_path}: 1 scenes, 0 come out, 1 findings"
+    assert ended.stdout.splitlines()[-2] == f"rgbd:{tmp_path}: 1 scene, 0 come out, 1 finding"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """LAS, E57 and NPZ as other programs write them."""
 
 import io
+import warnings
 import zipfile
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from pcdbench.cloud import PointCloud
 from pcdbench.errors import CloudError
-from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields, read_observed
+from pcdbench.formats import CloudWarning, read_cloud, read_cloud_and_fields, read_observed, write_cloud
 
 POINTS = np.array([[1.5, -2.25, 3.0], [10.0, 2.5, -1.0], [0.125, 0.0, 9.0]])
 BYTES = np.array([[255, 0, 51], [1, 2, 3], [128, 64, 32]])
@@ -152,6 +153,19 @@ def test_a_stray_point_costs_the_others_no_digits_in_an_e57(tmp_path):
 def test_an_e57_too_wide_for_single_precision_is_told(tmp_path):
     with pytest.warns(CloudWarning, match=r"/a\.e57: E57 is written in single .* up to 0\.00028 m; write PLY"):
         PointCloud([[0, 0, 0], [20000.0007, 0, 0]]).write(tmp_path / "a.e57")
+
+
+@pytest.mark.parametrize(("exact", "extension"), [(False, ".las"), (True, ".laz")])
+def test_a_las_with_a_stray_far_off_is_written_in_coarser_steps(tmp_path, exact, extension):
+    points = np.random.default_rng(0).uniform(0, 4, (50, 3))
+    points[7, 0] = -3e7
+    path = tmp_path / f"a{extension}"
+    with pytest.warns(CloudWarning, match=r"in steps of 0\.01 m, which moves them by up to half of that; leave out"):
+        write_cloud(PointCloud(points), path, exact=exact)
+    np.testing.assert_allclose(read_cloud(path).points, points, atol=0.00501)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_cloud(PointCloud(points.clip(-4e5, 4)), path, exact=exact)
 
 
 def test_e57_without_scans(tmp_path):
