@@ -5,13 +5,16 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import select
 import selectors
 import shlex
 import subprocess
 import sys
+import time
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -38,6 +41,7 @@ _LOOK_EVERY_SECONDS = 0.2
 _PIECE_BYTES = 65_536
 _KEPT_BYTES = 8_000
 _LONGEST_REASON = 500
+_SETTLED_NS = 1_000_000_000
 _TAG_DIGITS = 16
 _SAY_A_SIZE = 100  # points
 _TIMES_AS_LARGE = 3.0  # a completed cloud is the incomplete one and what it lacks; units and normalisations are more
@@ -75,6 +79,7 @@ class CommandCompleter(Completer):
     def __init__(self, options: plugin_options.Options | None = None) -> None:
         super().__init__(options)
         self._program: _Program | None = None
+        self._first: _Files | None = None  # its `files` as they were first
 
     def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         command = shlex.split(self.command) if isinstance(self.command, str) else [str(part) for part in self.command]
@@ -91,19 +96,46 @@ class CommandCompleter(Completer):
                 if self._program is None:
                     self._program = _Program(command)
                 self._program.ask(incomplete, completed, seed)
-            if not os.path.isfile(completed):
-                raise PluginError(f"{command[0]} says that it is done, and wrote no {Path(completed).name}")
-            return _in_frame(PointCloud.read(completed), cloud)
+            try:
+                if not os.path.isfile(completed):
+                    raise PluginError(f"{command[0]} says that it is done, and wrote no {Path(completed).name}")
+                result = _in_frame(PointCloud.read(completed), cloud)
+            except Exception:
+                if self._program is not None:
+                    self._program.stop()  # it may have said so too early, and answers to one cloud be those to another
+                raise
+        if self._first is not None and self._first.digest != self.weights_digest():
+            raise PcdbenchError(f"the `files` of {type(self).__name__} have changed meanwhile; give the command again")
+        return result
 
     def weights_digest(self) -> str | None:
-        """That of `files`, or None where none are named."""
-        files = [self.files] if isinstance(self.files, str | Path) else self.files
+        """That of `files`, or None where none are named; files of the same size and time are not read again."""
+        paths = [Path(file) for file in ([self.files] if isinstance(self.files, str | Path) else self.files)]
+        if not paths:
+            return None
         try:
-            return digest([file_digest(Path(file)) for file in files]) if files else None
+            states = [(status.st_size, status.st_mtime_ns) for status in (path.stat() for path in paths)]
+            if self._first is not None and self._first.settled and self._first.states == states:
+                return self._first.digest
+            found = digest([file_digest(path) for path in paths])
         except OSError as error:
             raise PcdbenchError(
                 f"{error.filename}, of {type(self).__name__}, cannot be read ({error.strerror}); check its `files`"
             ) from None
+        if self._first is None:
+            # What was written in this moment may be written again within what clocks of file systems tell apart.
+            settled = all(time.time_ns() - written > _SETTLED_NS for _, written in states)
+            self._first = _Files(states, found, settled)
+        return found
+
+
+@dataclass(frozen=True)
+class _Files:
+    """Sizes and times of files, their digest, and whether they had not just been written."""
+
+    states: list[tuple[int, int]]
+    digest: str
+    settled: bool
 
 
 class FolderCompleter(Completer):
@@ -126,6 +158,7 @@ class FolderCompleter(Completer):
     def __init__(self, options: Options | None = None) -> None:
         super().__init__(options)
         self._completed = _by_tag(type(self).__name__, self.options.folder)
+        self._digests: dict[str, str] = {}
 
     def complete(self, cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
         tag = cloud_tag(cloud)
@@ -135,11 +168,15 @@ class FolderCompleter(Completer):
                 f"{self.options.folder} has no file with {tag} in its name, the digest of this incomplete cloud; "
                 "complete it, or export the clouds of this run (pcdbench data export)"
             )
-        return _in_frame(PointCloud.read(path), cloud)
+        completed = _in_frame(PointCloud.read(path), cloud)
+        if self._digests and self._digests[tag] != file_digest(path):
+            raise PcdbenchError(f"{path} has changed meanwhile; give the command again")
+        return completed
 
     def weights_digest(self) -> str | None:
         """That of all completed clouds: when one of them changes, or another comes, they are measured anew."""
-        return digest([[tag, file_digest(path)] for tag, path in sorted(self._completed.items())])
+        self._digests = {tag: file_digest(path) for tag, path in self._completed.items()}
+        return digest(sorted([tag, its] for tag, its in self._digests.items()))
 
 
 def cloud_tag(cloud: PointCloud) -> str:
@@ -254,6 +291,7 @@ class _Program:
             self._end()
         process = self._process or self._start()
         try:
+            self._require_silence(process)
             answer, said = _answer(process, f"{incomplete}\t{completed}\t{seed}\n")
         except BaseException:
             # Its answer would be taken for that to the next cloud.
@@ -268,6 +306,32 @@ class _Program:
             raise Skipped(answer.removeprefix(_SKIPPED))
         if answer.startswith(_FAILED):
             raise PluginError(f"{self._command[0]} failed: {answer.removeprefix(_FAILED)}")
+
+    def stop(self) -> None:
+        """End it; it is started again for the next cloud."""
+        if self._process is not None:
+            self._process.kill()
+            self._end()
+
+    def _require_silence(self, process: subprocess.Popen[bytes]) -> None:
+        """Pass on what it printed since it answered.
+
+        Raises:
+            PluginError: where that is another answer, which would be taken for that to the next cloud.
+        """
+        assert process.stdout is not None
+        waiting = b""
+        while select.select([process.stdout], [], [], 0)[0]:
+            piece = os.read(process.stdout.fileno(), _PIECE_BYTES)
+            if not piece:
+                break
+            waiting += piece
+        if any(_as_answer(line) is not None for line in re.split(rb"[\r\n]", waiting)):
+            raise PluginError(
+                f"{self._command[0]} answered twice to one cloud ({_last_line(waiting)}); let it print one answer, "
+                "once the cloud is written"
+            )
+        _pass_on(waiting)
 
     def _start(self) -> subprocess.Popen[bytes]:
         folder = temporary_folder()

@@ -204,6 +204,49 @@ def test_one_that_ended_after_it_answered_is_started_again(program: Callable, cl
         completer._program._process.wait(timeout=10)
 
 
+def test_an_answer_too_many_is_not_taken_for_that_to_the_next_cloud(program: Callable, cloud: PointCloud) -> None:
+    again = 'print("done", flush=True)\n    time.sleep(0.2); print("done", flush=True)\n'
+    completer = program("import time\n" + STAYS.replace('print("done", flush=True)\n', again))()
+    assert len(complete(completer, cloud)) == 200
+    time.sleep(1.0)
+    with pytest.raises(PluginError, match=r"answered twice to one cloud \(done\); let it print one answer, once the"):
+        complete(completer, cloud)
+    assert len(complete(completer, cloud)) == 200, "it was started again"
+
+
+def test_one_that_says_too_early_that_it_is_done_is_started_again(program: Callable, cloud: PointCloud) -> None:
+    early = STAYS.replace("for line in sys.stdin:\n", 'for line in sys.stdin:\n    print("done", flush=True)\n')
+    completer = program("import time\n" + early.replace("    complete(", "    time.sleep(0.5); complete("))()
+    for _ in range(3):
+        with pytest.raises(PluginError, match=r"says that it is done, and wrote no completed\.xyz"):
+            complete(completer, cloud)
+
+
+def test_a_program_that_changes_meanwhile_is_not_measured_as_what_it_was(
+    program: Callable, tmp_path: Path, cloud: PointCloud
+) -> None:
+    script = tmp_path / "method.py"
+    completer = program(ONCE, *FILES, files=script)()
+    completer.weights_digest()
+    complete(completer, cloud)
+    os.utime(script)
+    complete(completer, cloud)
+    script.write_text(ONCE + "# changed\n")
+    with pytest.raises(PcdbenchError, match="the `files` of Mine have changed meanwhile; give the command again"):
+        complete(completer, cloud)
+
+
+def test_a_completed_cloud_that_changes_meanwhile_is_not_measured(tmp_path: Path, half_room: Case) -> None:
+    path = tmp_path / f"it-{cloud_tag(half_room.cloud)}.ply"
+    half_room.cloud.write(path)
+    completer = FolderCompleter(FolderCompleter.Options(folder=str(tmp_path)))
+    completer.weights_digest()
+    complete(completer, half_room.cloud)
+    half_room.cloud.select(slice(100)).write(path)
+    with pytest.raises(PcdbenchError, match=r"\.ply has changed meanwhile; give the command again"):
+        complete(completer, half_room.cloud)
+
+
 def test_what_it_said_of_a_cloud_before_is_not_said_again(program: Callable, cloud: PointCloud) -> None:
     first = "input(); sys.stderr.write('fine'); sys.stderr.flush(); print('failed: it')"
     completer = program(f"import sys\n{first}\ninput(); sys.exit('no GPU')")()

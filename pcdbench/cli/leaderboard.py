@@ -42,20 +42,24 @@ def build(
     of data, tasks or incompletenesses do not mix. The page's clouds are completed again where they are not in the
     cache; those that cannot be are named and left out.
     """
+    from pcdbench.errors import PcdbenchError
     from pcdbench.leaderboard.building import board_of_runs
     from pcdbench.leaderboard.case_clouds import clouds_of_page
     from pcdbench.leaderboard.merging import data_paths
     from pcdbench.leaderboard.publishing import publish
 
-    board = board_of_runs(out.resolve().name, runs)
+    board, held = board_of_runs(out.resolve().name, runs), None
     if update:
         from pcdbench.leaderboard.board_file import read_board
         from pcdbench.leaderboard.updating import updated
 
-        board = updated(read_board(out), board)
+        held = read_board(out)
+        board = updated(held, board)
     clouds, problems = clouds_of_page(board, cases, data_paths(runs), partial(with_bar, what="clouds of the page"))
     for problem in problems:
         typer.echo(f"pcdbench: without clouds: {problem}", err=True)
+    if held is not None and read_board(out) != held:
+        raise PcdbenchError(f"{out} was updated by another pcdbench meanwhile; give the same command again")
     for path in publish(board, out, clouds):
         typer.echo(str(path))
 

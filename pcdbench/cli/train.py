@@ -48,7 +48,7 @@ def train(
     there = (out / "checkpoint.safetensors").exists()
     if there and not resume:
         raise PcdbenchError(f"{out} holds a training already; go on with --resume or give another --out")
-    options = _options(completer_name, completer, option or ())
+    options = _options(name, completer, option or ())
     trainee = load_trainee(name, target, options)
     if preset not in trainee.presets:
         raise PcdbenchError(f"{name} has no preset {preset!r}; {did_you_mean(preset, trainee.presets)}")
@@ -91,10 +91,19 @@ def train(
 
 
 def _options(name: str, completer: type[Completer], texts: Sequence[str]) -> Options:
-    """The options of the completer to train."""
+    """The options of the completer to train, or of which a part is."""
     from pcdbench.runner.selection import checked_options, parse_options
+    from pcdbench.weights import weights_option
 
+    completer_name, _, own = weights_option(name).partition(".")
     given = parse_options(texts)
-    if set(given) - {name}:
-        raise PcdbenchError(f"--option {min(set(given) - {name})}.…: only {name} is trained; leave it out")
-    return checked_options(name, completer.Options, given.get(name, {}))
+    if set(given) - {completer_name}:
+        other = min(set(given) - {completer_name})
+        raise PcdbenchError(f"--option {other}.…: only {completer_name} is trained; leave it out")
+    its = given.get(completer_name, {})
+    if own in its:
+        raise PcdbenchError(
+            f"--option {completer_name}.{own}={its[own]}: these weights are what is trained; --from FILE begins from "
+            "others"
+        )
+    return checked_options(completer_name, completer.Options, its)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -91,6 +92,14 @@ class Clouds(Dataset):
     def draws(self, split: str) -> int:
         """How many cases a scene gives at each level: the option `draws`."""
         return self.options.draws
+
+    def environment(self, name: str) -> str:
+        """The complete scan of a real pair, which its folder's other pairs have too; else the cloud itself."""
+        path = self._file(name)
+        if not self.options.complete:
+            return name
+        assert self.path is not None
+        return Path(os.path.relpath(self._complete_of(path), absolute_root("clouds", self.path))).as_posix()
 
     def scene(self, name: str) -> Scene:
         """Read one cloud, or the two of a real pair; the sample is seeded by the file's content.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from pcdbench.errors import PcdbenchError
 from pcdbench.keys import canonical_json
 from pcdbench.leaderboard.board import Board, BoardCase, BoardCell, BoardCompleter
 from pcdbench.leaderboard.merging import AGREEMENT, version_text
+from pcdbench.leaderboard.summary import level_text
 
 FEWEST_CASES = 4
 SIGNIFICANCE = 0.01
@@ -200,10 +201,27 @@ def _unmatched(committed: Board, fresh: Board) -> Iterator[Finding]:
             yield Finding("note", old.label, "", f"{old.label} is on the board and was not run")
         elif canonical_json(new.options) != canonical_json(old.options):
             yield Finding("note", old.label, "", f"{old.label} was run with other options than the board's")
+    tables = _tables(committed)
+    not_run = sorted(tables - _tables(fresh))
+    if not_run:
+        dataset, split, incompleteness, level, task = not_run[0]
+        told = f"{len(not_run)} of the board's {len(tables)} tables were not run, {task} of {dataset} {split} "
+        yield Finding("note", "", "", f"{told}({incompleteness}, {level_text(level)}) for one")
     known = {new.label for _, new in matched if new is not None}
     for its in fresh.completers:
         if its.label not in known:
             yield Finding("note", its.label, "", f"{its.label} is not on the board")
+
+
+def _tables(board: Board) -> set[tuple[str, str, str, float, str]]:
+    """What a board has cases of: data set, split, incompleteness, level and task."""
+    return {
+        (data.dataset, data.split, case.incompleteness, case.level, task)
+        for cell in board.cells
+        for case in [board.cases[cell.case]]
+        for data in [board.data[case.data]]
+        for task in cell.results
+    }
 
 
 def _lost(pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
@@ -243,7 +261,8 @@ def _lost_values(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered
 def reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:
     """References do nothing that could get better or worse: where their values differ, what measures them does.
 
-    A few cases that differ may be another machine's rounding, which registration can make large, and are a note.
+    A few cases that differ may be another machine's rounding, which registration can make large, and are a note: fewer
+    than half of all, of each data set and of each table; sets and tables of very few cases count with the others.
     """
     for label, its in pairs.items():
         if not committed.completer_of[label].reference:
@@ -254,19 +273,28 @@ def reference_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], al
             for metric in task.metrics:
                 both = _both_values(its, task.name, metric.name)
                 lost = _without_value(its, task.name, metric.name)
-                other = [not np.isclose(old, new, rtol=AGREEMENT, atol=_SAME) for _, old, new in both]
-                other += [True] * len(lost)
-                if any(other):
-                    where = f"differs in {sum(other)} of {len(other)} cases"
+                other = [(case, not np.isclose(old, new, rtol=AGREEMENT, atol=_SAME)) for case, old, new in both]
+                other += [(case, True) for case in lost]
+                if any(differs for _, differs in other):
+                    where = f"differs in {sum(differs for _, differs in other)} of {len(other)} cases"
                     where += f" ({len(lost)} have no value any more)" if lost else ""
                     told = f"{metric.name} ({task.name}) of the reference {label} {where}"
-                    if sum(other) * 2 < len(other):
+                    if not _differ_somewhere(other):
                         yield Finding(
                             "note", label, task.name, f"{told}: another machine's rounding, or a small change"
                         )
                         continue
                     cure = "what is measured has changed; raise the version of what did, and build the board again"
                     yield Finding("changed", label, task.name, f"{told}: {cure}")
+
+
+def _differ_somewhere(other: Sequence[tuple[BoardCase, bool]]) -> bool:
+    """Whether half of the cases or more differ: of all, of a data set or of a table, if these have cases enough."""
+    parts: dict[tuple[Any, ...], list[bool]] = defaultdict(list)
+    for case, differs in other:
+        for part in ((), (case.data,), (case.data, case.incompleteness, case.level)):
+            parts[part].append(differs)
+    return any(2 * sum(its) >= len(its) for part, its in parts.items() if not part or len(its) >= FEWEST_CASES)
 
 
 def _value_changes(committed: Board, pairs: Mapping[str, Sequence[_Pair]], altered: set[str]) -> Iterator[Finding]:

@@ -9,9 +9,9 @@ data snooping", its single step), so that in 95 % of the tables not one pair is 
 them as Student's t does (Hesterberg 2015, "What teachers should know about the bootstrap"), as far out in its tails as
 the largest of all pairs is; docs/leaderboards.md has how often it still goes wrong.
 
-A completer's rank is 1 + the number of completers shown to be better. Who cannot be told apart from the best is
-first with it, unless it has values of fewer cases: few cases and filled ones make intervals wide, and nobody should
-come first by that.
+A completer's rank is 1 + the number of completers shown to be better, by those that were tried on all that it was
+tried on: cases where one is good can be chosen. Who cannot be told apart from the best is first with it, unless it has
+values of fewer cases: few cases and filled ones make intervals wide, and nobody should come first by that.
 """
 
 from __future__ import annotations
@@ -74,8 +74,9 @@ def ranking(
     """Rank completers, each two over the cases that both were tried on.
 
     A case in which a completer has no samples though another one has (it failed, timed out or was skipped) counts
-    with the worst sample that anyone, references included, has in this table; and of two that cannot be told apart
-    the one with fewer cases comes after the other. So nobody gains by failing where it is hard. Cases in which no
+    with the worst sample that anyone, references included, has in this table; and of two that cannot be told apart,
+    or of which the better one was not tried on all that the other was, the one with fewer cases comes after the other.
+    So nobody gains by failing where it is hard, or by leaving it out. Cases in which no
     completer has samples do not count; a completer without a single sample has no rank, nor has one with fewer than
     `FEWEST_SCENES` scenes in common with every other, where others have more.
 
@@ -101,6 +102,7 @@ def ranking(
         if abs(one.value) > half:
             wins_first = (one.value < 0) == (direction == "lower")
             better, worse = (one.first, one.second) if wins_first else (one.second, one.first)
+        if better is not None and not table.left_out(better, worse):
             before[worse].add(better)
         elif table.measured[one.first] != table.measured[one.second]:
             more, fewer = sorted((one.first, one.second), key=table.measured.__getitem__, reverse=True)
@@ -202,6 +204,10 @@ class _Table:
             [np.asarray(one.samples, float) for its in (*tried.values(), *references.values()) for one in its]
         )
         self._worst = everything.max() if direction == "lower" else everything.min()
+
+    def left_out(self, name: str, other: str) -> bool:
+        """Whether the other was tried on cases that anyone has samples of, and this one was not."""
+        return any(self._size[case] for case in self._by_case[other].keys() - self._by_case[name].keys())
 
     def common(self, first: str, second: str) -> tuple[int, ...]:
         """The cases that both were tried on and that anyone has samples of."""

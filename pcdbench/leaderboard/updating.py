@@ -46,6 +46,7 @@ def updated(board: Board, fresh: Board) -> Board:
     if changed is not None:
         raise PcdbenchError(f"the runs do not measure as the board {board.name} does: {changed.told}")
 
+    _require_references(board, fresh)
     ours = {
         its.label: replace(its, saw_test=seen_in_training(its.card, board.data))
         for its in fresh.completers
@@ -116,6 +117,38 @@ def _refuse_other_metrics(board: Board, fresh: Board) -> None:
         raise PcdbenchError(
             f"the runs do not measure as the board {board.name} does: {name} ({task}) of the references is "
             f"{'in the runs' if (task, name) in has else 'on the board'} alone; build the board anew"
+        )
+
+
+def _require_references(board: Board, fresh: Board) -> None:
+    """Raise where no reference shows that a table is measured as on the board, which has references there."""
+    shown = {
+        (pair.case.data, pair.case.incompleteness, pair.case.level, task)
+        for label, its in paired(board, fresh).items()
+        if board.completer_of[label].reference
+        for pair in its
+        for task, old in pair.old.results.items()
+        if task in pair.new.results and old.status == pair.new.results[task].status == "ok"
+    }
+    number = {(its.dataset, its.split): at for at, its in enumerate(board.data)}
+    of_references, of_others = (
+        {
+            (number[data.dataset, data.split], case.incompleteness, case.level, task)
+            for cell in its.cells
+            if its.completer_of[cell.completer].reference is reference
+            for case in [its.cases[cell.case]]
+            for data in [its.data[case.data]]
+            for task, result in cell.results.items()
+            if result.status == "ok"
+        }
+        for its, reference in ((board, True), (fresh, False))
+    )
+    unshown = (of_others & of_references) - shown
+    if unshown:
+        _, incompleteness, level, task = min(unshown)
+        raise PcdbenchError(
+            f"no reference of the runs shows that they measure {task} ({incompleteness}, {level_text(level)}) as the "
+            f"board {board.name} does; run the references too"
         )
 
 

@@ -132,13 +132,25 @@ def select_recorded(kind: Kind, name: str, options: Mapping[str, Any], *, path: 
 def _recorded(name: str, options: BaseModel) -> dict[str, Any]:
     """The options as rows and keys have them."""
     try:
-        recorded = options.model_dump(mode="json")
+        recorded: dict[str, Any] = _in_order(options.model_dump(), options.model_dump(mode="json"))
         canonical_json(recorded)
     except (TypeError, ValueError) as error:
         # Given values are checked; defaults, and types that pydantic does not know, are the plugin's own.
         raise PluginError(
             f"the options of {name} cannot be recorded as JSON ({error}): its Options must change"
         ) from None
+    return recorded
+
+
+def _in_order(value: Any, recorded: Any) -> Any:
+    """What was recorded of a value, its sets in one order; theirs is another one in every process."""
+    if isinstance(value, set | frozenset):
+        return sorted(recorded, key=canonical_json)
+    if isinstance(value, Mapping) and isinstance(recorded, Mapping):
+        both = zip(value.values(), recorded.items(), strict=True)
+        return {key: _in_order(its, as_json) for its, (key, as_json) in both}
+    if isinstance(value, list | tuple) and isinstance(recorded, list):
+        return [_in_order(*both) for both in zip(value, recorded, strict=True)]
     return recorded
 
 

@@ -261,6 +261,8 @@ def train(
             if done or now - reported > 10.0:
                 report(progress.line(budget))
                 reported = now
+        if accelerator.is_main_process and not state.weights.exists():  # moved away since the training had ended
+            state.save(draw=True)
     except KeyboardInterrupt:
         # Half a step is not saved: it would be taken again. Nor is a step without its check, which would not be made
         # again. The last minute's checkpoint is there; where no step was taken since, the files stay as they are.
@@ -301,6 +303,7 @@ class _State:
 
     def __post_init__(self) -> None:
         self.checkpoint, self.curve = self.out / "checkpoint.safetensors", Curve(self.out)
+        self.weights = self.out / "weights.safetensors"
 
     @classmethod
     def begun(cls, trainee: Trainee, out: Path, preset: Preset, start: Weights | None) -> _State:
@@ -328,11 +331,11 @@ class _State:
 
     def save(self, draw: bool = False) -> None:
         """Keep all of it, the curve's picture if asked for."""
-        path, progress = self.out / "weights.safetensors", self.progress
+        progress = self.progress
         weights = {name: value for name, value in self.average.items() if self.trainee.completes(name)}
         # The card of a training that ended and goes on would describe other weights, and have these refused.
-        path.with_suffix(CARD_SUFFIX).unlink(missing_ok=True)
-        save_weights(path, weights)
+        self.weights.with_suffix(CARD_SUFFIX).unlink(missing_ok=True)
+        save_weights(self.weights, weights)
         self.curve.add(progress.step, progress.seconds, progress.terms, progress.validation)
         if draw:
             self.curve.draw()

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import partial
 from xml.etree import ElementTree
 
 import pytest
@@ -32,6 +33,12 @@ def run(tmp_path, tiny_plugins, monkeypatch):
     return command
 
 
+def another_updates(folder, *_):
+    path = folder / "leaderboard.json"
+    path.write_text(path.read_text().replace('"tiny_fill"', '"other_fill"'))
+    return [], []
+
+
 def test_a_suite_is_run_built_and_checked(run, tmp_path, monkeypatch):
     folder = tmp_path / "boards" / "tiny"
     folder.mkdir(parents=True)
@@ -60,6 +67,14 @@ def test_a_suite_is_run_built_and_checked(run, tmp_path, monkeypatch):
     assert [its["label"] for its in json.loads((folder / "leaderboard.json").read_text())["completers"]][
         -1
     ] == "tiny_fill"
+
+    with monkeypatch.context() as patch:
+        patch.setattr("pcdbench.leaderboard.case_clouds.clouds_of_page", partial(another_updates, folder))
+        before = (folder / "leaderboard.json").read_text()
+        late = run("leaderboard", "build", "runs/tiny", "-o", "boards/tiny", "--update", code=2)
+        assert "boards/tiny was updated by another pcdbench meanwhile; give the same command again" in late.stderr
+        assert (folder / "leaderboard.json").read_text() != before
+        (folder / "leaderboard.json").write_text(before)
 
     path = folder / "leaderboard.json"
     content = json.loads(path.read_text())

@@ -190,6 +190,10 @@ def opened(folder, **options):
 def test_clouds_beside_a_complete_one_are_its_pairs(folder, pair):
     dataset = opened(folder)
     assert dataset.scene_names("all") == ("a-part_1", "a-part_2", "b-part_1", "b-part_2")
+    environments = [dataset.environment(name) for name in dataset.scene_names("all")]
+    assert environments == ["a/full.ply", "a/full.ply", "b/full.ply", "b/full.ply"]
+    assert opened(folder, complete="").environment("a-part_1") == "a-part_1"
+    assert opened(folder / "a/part_1.ply").environment("part_1") == "../full.ply"
     scene = dataset.scene("a-part_1")
     np.testing.assert_allclose(scene.dense.points, pair.dense.points, atol=1e-6)
     assert scene.partial.points[:, 0].max() < 1.5

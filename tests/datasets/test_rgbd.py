@@ -471,6 +471,7 @@ def test_runs_of_frames_are_pairs_with_the_whole(tmp_path, camcorder):
     seven_scenes(tmp_path, camcorder.frames())
     dataset = opened(tmp_path, partial_frames=4)
     assert dataset.scene_names("all") == [f"{tmp_path.name}_frames0-3", f"{tmp_path.name}_frames4-7"]
+    assert {dataset.environment(name) for name in dataset.scene_names("all")} == {tmp_path.name}
     first, second = (dataset.scene(name) for name in dataset.scene_names("all"))
     np.testing.assert_array_equal(first.dense.points, second.dense.points)
     assert 0 < len(first.partial) < len(first.dense)

@@ -213,6 +213,35 @@ def test_a_reference_that_differs_in_a_few_cases_is_told_and_no_regression(tmp_p
     assert kinds(check(committed, board(tmp_path / "three", many))) == {("changed", "incomplete", "task")}
 
 
+def test_a_reference_that_differs_in_one_of_several_data_sets_or_levels_is_measured_otherwise(tmp_path):
+    def made(name, values, levels, sizes):
+        for split, value in values.items():
+            its = [
+                full_row("incomplete", [factor * value * (number + 1)], scene=f"room{number}", level=level)
+                for level, factor in levels.items()
+                for number in range(sizes[split])
+            ]
+            store_run(tmp_path / name / split, its, split=split)
+        return board_of_runs("board", [tmp_path / name])
+
+    sizes, three = {"one": 6, "two": 20}, {0.1: 1.0, 0.3: 1.0, 0.5: 1.0}
+    committed = made("committed", {"one": 1.0, "two": 1.0}, three, sizes)
+    of_set = check(committed, made("set", {"one": 1.5, "two": 1.0}, three, sizes))
+    of_level = check(committed, made("level", {"one": 1.0, "two": 1.0}, three | {0.5: 1.5}, sizes))
+    for verdict, told in ((of_set, "18 of 78"), (of_level, "26 of 78")):
+        assert kinds(verdict) == {("changed", "incomplete", "task")} and told in verdict_text(verdict)
+    few = {"one": 3, "two": 20}
+    verdict = check(
+        made("small", {"one": 1.0, "two": 1.0}, {0.3: 1.0}, few), made("one", {"one": 1.5, "two": 1.0}, {0.3: 1.0}, few)
+    )
+    assert ("note", "incomplete", "task") in kinds(verdict) and verdict.holds
+
+
+def test_tables_that_were_not_run_are_told(tmp_path):
+    verdict = check(board(tmp_path / "one", rows() + rows(task="other")), board(tmp_path / "two", rows()))
+    assert "1 of the board's 2 tables were not run, other of rooms test (holes, 30%) for one" in verdict_text(verdict)
+
+
 def test_a_metric_without_values_is_no_metric_that_holds(tmp_path):
     floor = rows("incomplete", 5.0)
     committed = board(tmp_path / "one", floor + rows())

@@ -117,6 +117,15 @@ def test_a_failure_counts_with_as_many_samples_as_others_have_there():
     assert found.differences[0].difference.value == pytest.approx(2.0 - (3 * 9.0 + 6 * 6.0) / 21)
 
 
+def test_leaving_out_the_hardest_scenes_does_not_help(scenes):
+    whole = {"a": tried(scenes), "b": tried(scenes * 1.05 + 0.2)}
+    mixed = tried(np.where(np.arange(30) < 8, scenes / 5, scenes * 2 + 5))
+    assert ranking(whole | {"c": mixed}, {}, "lower", "mean").ranks == {"a": 1, "b": 2, "c": 3}
+    found = ranking(whole | {"c": mixed[:8]}, {}, "lower", "mean")
+    assert found.ranks == {"a": 1, "b": 2, "c": 3}
+    assert [its.better for its in found.differences] == ["a", "c", "c"]  # in the scenes that both were tried on
+
+
 def test_only_cases_that_both_were_tried_on_count(scenes):
     part = [Tried(one.case, one.scene, one.samples) for one in tried(scenes) if one.case >= 10]
     found = ranking({"a": tried(np.r_[scenes[:10] * 100, scenes[10:]]), "b": part}, {}, "lower", "mean")

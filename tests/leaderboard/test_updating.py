@@ -84,6 +84,18 @@ def test_what_is_measured_anew_is_measured_whole(tmp_path):
             updated(old, board(tmp_path, name, rows_of("incomplete", 5.0), rows))
 
 
+def test_a_run_without_references_shows_nothing(tmp_path):
+    floor = rows_of("incomplete", 5.0)
+    old = board(tmp_path, "old", floor, rows_of("a", 1.0))
+    failed = [row | {"status": "failed", "error": "E", "metrics": {}} for row in floor]
+    of_one_task = [row for row in floor if row["task"]["name"] == "task"]
+    for name, references in (("none", []), ("failed", failed), ("one", of_one_task)):
+        with pytest.raises(
+            PcdbenchError, match=r"no reference of the runs shows that they measure other \(holes, 30%\)"
+        ):
+            updated(old, board(tmp_path, name, references, rows_of("c", 1.0)))
+
+
 @pytest.mark.parametrize(
     ("rows", "told"),
     [

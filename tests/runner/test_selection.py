@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 from pcdbench.errors import PcdbenchError, PluginError
 from pcdbench.options import Options
 from pcdbench.plugins import registry
-from pcdbench.runner.selection import checked_options, option_targets, parse_options, select
+from pcdbench.runner.selection import _recorded, checked_options, option_targets, parse_options, select
 
 pytestmark = pytest.mark.usefixtures("tiny_plugins")
 
@@ -64,6 +64,19 @@ def test_identity_follows_options_and_not_the_path():
     plain = select("dataset", "tiny", {})
     assert select("dataset", "tiny", {}, path="elsewhere").identity == plain.identity
     assert select("dataset", "tiny", {"points": "10"}).identity != plain.identity
+
+
+class Sets(Options):
+    names: frozenset[str] = frozenset(f"name{number}" for number in range(20))
+    nested: dict[str, list[set[int]]] = Field({"a": [{9, 1, 100}, {-1}]})
+    plain: tuple[int, ...] = (3, 1, 2)
+
+
+def test_sets_are_recorded_in_one_order_whatever_theirs_is_in_this_process():
+    recorded = _recorded("completer 'it'", Sets())
+    assert recorded["names"] == sorted(recorded["names"]) and len(recorded["names"]) == 20
+    assert recorded["nested"] == {"a": [[1, 100, 9], [-1]]} and recorded["plain"] == [3, 1, 2]
+    assert Sets.model_validate(recorded) == Sets()
 
 
 class Various(Options):

@@ -517,6 +517,23 @@ def test_a_folder_belongs_to_one_training_at_a_time(tmp_path: Path) -> None:
     assert trained(tmp_path, 2, resume=True).step == 2
 
 
+def test_weights_that_were_moved_away_are_written_again(tmp_path: Path) -> None:
+    trained(tmp_path, 2)
+    written = (tmp_path / "weights.safetensors").read_bytes()
+    (tmp_path / "weights.safetensors").unlink()
+    assert trained(tmp_path, 2, resume=True).step == 2
+    assert (tmp_path / "weights.safetensors").read_bytes() == written
+
+
+@pytest.mark.parametrize(
+    ("name", "option"), [("voxel_unet", "voxel_unet.weights"), ("deeppcd.color", "deeppcd.color_weights")]
+)
+def test_weights_as_an_option_are_not_what_a_training_begins_from(tmp_path: Path, name: str, option: str) -> None:
+    ended = CliRunner().invoke(app, ["train", name, "--steps", "1", "--option", f"{option}=w", "--out", str(tmp_path)])
+    told = f"pcdbench: --option {option}=w: these weights are what is trained; --from FILE begins from others\n"
+    assert (ended.exit_code, ended.stderr) == (2, told)
+
+
 def test_no_time_to_train_is_one_line(tmp_path: Path) -> None:
     ended = CliRunner().invoke(app, ["train", "voxel_unet", "--hours", "0", "--out", str(tmp_path / "new")])
     assert (ended.exit_code, ended.stderr) == (2, "pcdbench: hours must be greater than zero, not 0\n")

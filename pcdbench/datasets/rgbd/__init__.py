@@ -105,6 +105,10 @@ class Rgbd(Dataset):
         """How many cases a scene gives at each level: the option `draws`."""
         return self.options.draws
 
+    def environment(self, name: str) -> str:
+        """The sequence, which all of its real pairs have as their complete scan."""
+        return self._parts(name)[0]
+
     def scene(self, name: str) -> Scene:
         """Fuse a sequence, or take it from the cache where it was fused before.
 
