@@ -37,6 +37,7 @@ def complete(
 
     from pcdbench.completion import CompletionWarning
     from pcdbench.completion import complete as completed_of
+    from pcdbench.completion.completed import name_beside_marks
     from pcdbench.completion.progress import TileProgress
     from pcdbench.completion.report import require_report_folder, write_report
     from pcdbench.errors import CloudError, PcdbenchError
@@ -89,7 +90,7 @@ def complete(
         )
     taken = [name for name in MARKS if name in fields]
     if marked and taken and not added_only:
-        told = ", ".join(f"{name} is written as {name}_scan" for name in taken)
+        told = ", ".join(f"{name} is written as {name_beside_marks(name, fields)}" for name in taken)
         typer.echo(f"pcdbench: of the fields of {scan} {told}", err=True)
     if not marked and fields and not added_only:
         typer.echo(f"pcdbench: {out.suffix} cannot hold {', '.join(fields)} of {scan}: left out", err=True)

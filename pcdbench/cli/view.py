@@ -74,6 +74,8 @@ def _read(path: Path) -> tuple[PointCloud, dict[str, NDArray[Any]]]:
     """The cloud of a file, and those of its fields that can be shown; what is odd goes to standard error."""
     import warnings
 
+    import numpy as np
+
     from pcdbench.formats import CloudWarning, read_cloud_and_fields
 
     with warnings.catch_warnings(record=True) as odd:
@@ -81,8 +83,15 @@ def _read(path: Path) -> tuple[PointCloud, dict[str, NDArray[Any]]]:
         cloud, fields = read_cloud_and_fields(path)
     for one in odd:
         typer.echo(f"pcdbench: {one.message}", err=True)
+    added = fields.get(_ADDED_FIELD)
+    if added is not None and not (added.ndim == 1 and np.isin(added, (0, 1)).all()):
+        typer.echo(f"pcdbench: {path}: its field added is not 0 or 1 of each point, and is not shown", err=True)
+        del fields[_ADDED_FIELD]
     trust = fields.get(_CONFIDENCE_FIELD)
-    if trust is not None and not ((trust >= 0) & (trust <= 1)).all():
-        typer.echo(f"pcdbench: {path}: its field confidence is not within [0, 1], and is not shown", err=True)
+    if trust is not None and not (trust.ndim == 1 and ((trust >= 0) & (trust <= 1)).all()):
+        typer.echo(
+            f"pcdbench: {path}: its field confidence is not one number in [0, 1] of each point, and is not shown",
+            err=True,
+        )
         del fields[_CONFIDENCE_FIELD]
     return cloud, fields

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ class Completed:
             added_only: write the added points alone, without further fields.
             fields: further numbers of each observed point, (N,) or (N, K), written too where the format has fields. Of
                 added points they are not known: 0 where numbers are whole, else NaN. A scan's own `added` and
-                `confidence` become `added_scan` and `confidence_scan`.
+                `confidence` become `added_scan` and `confidence_scan`, or the next free name (`added_scan_2`).
             like: the scan, whose coordinate reference system is taken over from LAS to LAS.
 
         Raises:
@@ -98,10 +99,19 @@ class Completed:
                 column = np.asarray(values)
                 if column.shape[:1] != (observed,):
                     raise CloudError(f"field {name} must have a row for each of the {observed:,} observed points")
-                kept = f"{name}_scan" if name in MARKS else name
+                kept = name_beside_marks(name, fields)
                 written[kept] = _lengthened(column, len(self.spacing_m), name)
             written |= dict(zip(MARKS, (self.added[first:], self.confidence[first:]), strict=True))
         write_cloud(cloud, path, written, exact=True, like=None if like is None else Path(like))
+
+
+def name_beside_marks(name: str, fields: Container[str]) -> str:
+    """What a field of a scan is called in its completion: its own name but for `added` and `confidence`."""
+    found, number = f"{name}_scan" if name in MARKS else name, 1
+    while name in MARKS and found in fields:
+        number += 1
+        found = f"{name}_scan_{number}"
+    return found
 
 
 def _lengthened(values: NDArray[Any], count: int, name: str) -> NDArray[Any]:

@@ -20,7 +20,7 @@ from pcdbench.completion.tiles import SMALLEST_TILE_M, Index, Tiling
 from pcdbench.completion.workers import tile_outcomes
 from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.formats.columns import needs_double
-from pcdbench.geometry.extent import no_surface, odd_scale, strays, where_strays_lie
+from pcdbench.geometry.extent import no_surface, odd_scale, strays, two_parts, where_strays_lie
 from pcdbench.geometry.frames import Frame
 
 if TYPE_CHECKING:
@@ -140,7 +140,8 @@ def _warn_of_shape(points: NDArray[np.float64], frame: Frame, up: str) -> None:
     longest = max(sides)
     odd = odd_scale(longest)
     if odd is not None:
-        warnings.warn(_few_far_away(points) or f"the {odd}", CompletionWarning, stacklevel=3)
+        told = _few_far_away(points) or two_parts(points) or f"the {odd}"
+        warnings.warn(told, CompletionWarning, stacklevel=3)
     elif sides[2] > 6 and sides[2] > 1.5 * max(sides[:2]):
         warnings.warn(
             f"the cloud is {sides[2]:.1f} m high and {max(sides[:2]):.1f} m wide; is {up} really its up axis? (--up)",

@@ -20,7 +20,7 @@ from pcdbench.errors import CloudError, PcdbenchError
 from pcdbench.files import keep
 from pcdbench.formats import CloudWarning
 from pcdbench.geometry.duplicates import repeats
-from pcdbench.geometry.extent import no_surface, odd_scale
+from pcdbench.geometry.extent import no_surface, odd_scale, two_parts
 from pcdbench.keys import digest, file_digest
 from pcdbench.paths import cache_dir
 from pcdbench.scene import Scene, TaggedObject
@@ -205,7 +205,8 @@ def _warn_of_scale(cloud: PointCloud, path: Path) -> None:
     longest = float(np.ptp(cloud.points, axis=0).max())
     odd = odd_scale(longest)
     if odd is not None:
-        warnings.warn(f"{path}: its {odd}; it is used as it is", CloudWarning, stacklevel=4)
+        told = two_parts(cloud.points) or f"its {odd}"
+        warnings.warn(f"{path}: {told}; it is used as it is", CloudWarning, stacklevel=4)
 
 
 def _sample(points: NDArray[np.float64], count: int, seed: int) -> NDArray[np.int64]:

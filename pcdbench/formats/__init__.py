@@ -53,6 +53,7 @@ _COARSEST_STEP_M = 0.002
 
 # Scanners write huge numbers where nothing came back; no map has coordinates like these.
 _FARTHEST_M = 1e10
+_FEW_WITHOUT_COLOR = 0.01
 
 
 def read_cloud(path: Path) -> PointCloud:
@@ -208,8 +209,6 @@ def _valid(columns: Columns, path: Path) -> tuple[PointCloud, dict[str, NDArray[
         raise CloudError(f"{path} has no points; export it again")
     # NaN compares false.
     valid = (np.abs(points) <= _FARTHEST_M).all(axis=1)
-    if colors is not None:
-        valid &= np.isfinite(colors).all(axis=1)
     bad = count - int(valid.sum())
     if bad == count:
         raise CloudError(f"{path}: none of its {count:,} points has valid coordinates; export it again")
@@ -219,6 +218,7 @@ def _valid(columns: Columns, path: Path) -> tuple[PointCloud, dict[str, NDArray[
         )
         points, colors = points[valid], None if colors is None else colors[valid]
         fields = {name: values[valid] for name, values in fields.items()}
+    colors = _known_colors(colors, path)
     if fields.keys() >= set(_MARKS_SAVED_AGAIN) and not fields.keys() & set(MARKS):
         named = dict(zip(_MARKS_SAVED_AGAIN, MARKS, strict=True))
         fields = {named.get(name, name): values for name, values in fields.items()}
@@ -227,6 +227,23 @@ def _valid(columns: Columns, path: Path) -> tuple[PointCloud, dict[str, NDArray[
         return PointCloud(points, colors), fields
     except CloudError as error:
         raise CloudError(f"{path}: {error}") from error
+
+
+def _known_colors(colors: NDArray[np.float32] | None, path: Path) -> NDArray[np.float32] | None:
+    """The colours, where all points or nearly all have one: what a station without a camera saw is still surface."""
+    if colors is None:
+        return None
+    unknown = np.flatnonzero(~np.isfinite(colors).all(axis=1))
+    if not len(unknown):
+        return colors
+    few = len(unknown) <= _FEW_WITHOUT_COLOR * len(colors)
+    cure = "these are grey" if few else "the colours of all are left out"
+    warnings.warn(f"{path}: {len(unknown):,} of its points have no valid colour; {cure}", CloudWarning, 5)
+    if not few:
+        return None
+    colors = colors.copy()
+    colors[unknown] = 0.5
+    return colors
 
 
 def _warn_of_steps(points: NDArray[np.float64], path: Path) -> None:

@@ -97,9 +97,9 @@ def unit_colors(values: NDArray[Any], path: Path) -> NDArray[np.float32]:
         return values.astype(np.float32)
     if values.dtype == np.uint8:
         return values.astype(np.float32) / np.float32(255)
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    if np.isnan(low):
+    if values.dtype.kind == "f" and np.isnan(values).all():
         return values.astype(np.float32)
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
     # Many programs put 8-bit colours into 16-bit fields.
     is_integer = np.issubdtype(values.dtype, np.integer)
     if low >= 0 and high <= 1 + _ROUNDING and not is_integer:

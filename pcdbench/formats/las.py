@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,7 +120,7 @@ def write(
     while np.abs(cloud.points - offset).max() / scale_m > np.iinfo(np.int32).max:
         scale_m *= 10
     told = _description(like)
-    columns = flat_fields(fields, _LONGEST_NAME)
+    columns = flat_fields(_by_dimension(fields), _LONGEST_NAME)
     point_format, own = _smallest_point_format(columns, cloud.colors is not None)
     header = laspy.LasHeader(version="1.4" if point_format >= 6 or told.is_wkt else "1.2", point_format=point_format)
     header.scales = np.full(3, scale_m)
@@ -139,7 +140,9 @@ def write(
     if cloud.colors is not None:
         las.red, las.green, las.blue = np.rint(cloud.colors * np.float64(65535)).astype(np.uint16).T
     for name, column in columns.items():
-        las[extra.get(name, name)] = np.nan_to_num(column) if name in own else column
+        las[extra.get(name, name)] = (
+            _as_dimension(column, las.point_format.dimension_by_name(name)) if name in own else column
+        )
     with path.open("wb") as stream:
         las.write(stream, do_compress=path.suffix.lower() == ".laz", laz_backend=laspy.LazBackend.Lazrs)
     if scale_m <= _SCALE_M:
@@ -175,6 +178,38 @@ def _description(path: Path | None) -> _Description:
             if user == _REFERENCE_SYSTEM
         )
         return _Description(records, header.global_encoding.wkt, bool(header.global_encoding.gps_time_type.value))
+
+
+def _by_dimension(fields: Fields) -> dict[str, NDArray[Any]]:
+    """Fields by LAS's own names where other programs spell these otherwise: `Intensity`, `scalar_ReturnNumber`."""
+    import laspy
+
+    own = {
+        _plain(dimension.name): dimension.name
+        for number in _FORMATS
+        for dimension in laspy.PointFormat(number).dimensions
+        if dimension.name not in _READ_OTHERWISE
+    }
+    # Of two spellings that of LAS has the dimension.
+    named = {name: values for name, values in fields.items() if name in own.values()}
+    for name, values in fields.items():
+        dimension = own.get(_plain(name), name)
+        if name not in named:
+            named[name if dimension in named else dimension] = values
+    return named
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower().removeprefix("scalar_"))
+
+
+def _as_dimension(column: NDArray[Any], dimension: Any) -> NDArray[Any]:
+    """A column as a dimension of LAS's own takes it, which holds its numbers: bits are set by whole ones alone."""
+    import laspy
+
+    numbers = np.nan_to_num(column)
+    is_floating = dimension.kind is laspy.point.DimensionKind.FloatingPoint
+    return numbers if is_floating or numbers.dtype.kind in "iu" else numbers.astype(np.int64)
 
 
 def _smallest_point_format(columns: dict[str, NDArray[Any]], is_colored: bool) -> tuple[int, set[str]]:

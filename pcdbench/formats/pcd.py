@@ -56,6 +56,10 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         for name in names
         if name in wanted and name not in taken and not name.startswith("_")
     }
+    if packed == "rgba" and "alpha" in wanted and "alpha" not in fields:
+        alpha = (np.ascontiguousarray(rows[packed]).view(np.uint32) >> 24).astype(np.uint8)
+        # One value for all points says nothing: PCL writes 0 or 255 where nobody gave any.
+        fields |= {"alpha": alpha} if np.ptp(alpha) else {}
     if packed:
         return Columns(points, unit_colors(_unpacked(rows[packed], path), path), fields)
     colors = np.stack([rows[name] for name in rgb], axis=1) if rgb else None

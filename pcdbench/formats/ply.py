@@ -207,13 +207,14 @@ def _ascii_rows(
             f"{path} is cut off: its header promises {vertex.count:,} points, {len(numbers):,} are there; copy it again"
         )
     rows = {}
+    xyz, _ = coordinate_and_color_names(names)
     for name, column in zip(wanted, numbers.T, strict=True):
         kind = np.dtype(next(item.type for item in vertex.properties if item.name == name))
         if kind.kind in "iu":
             limits = np.iinfo(kind)
             if not np.all((column >= limits.min) & (column <= limits.max)):
                 raise CloudError(f"{path}: {name} does not fit the type its header names; export it again")
-        rows[name] = column.astype(kind) if kind.kind in "iu" else column
+        rows[name] = column if name in xyz else column.astype(kind)
     return rows
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import codecs
 import re
 import warnings
-from collections.abc import Container
+from collections.abc import Container, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
@@ -36,6 +36,7 @@ _DECIMAL_COMMA = re.compile(r"\s*-?\d+,\d+\s*[;\t ]\s*-?\d+,\d+")
 _QUOTED = re.compile(r'"[^"]*"')
 _RGB = ("red", "green", "blue")
 _HEADER_LINES = 200
+_LONGEST_COUNT = 20
 _ROWS_A_PIECE = 100_000
 
 
@@ -89,8 +90,9 @@ def read(path: Path, wanted: Container[str] = NOTHING) -> Columns:
         names = _names_by_place(numbers, places, layout, path)
         xyz, rgb = coordinate_and_color_names(names)
     column = dict(zip(names, numbers.T, strict=True))
-    if path.suffix.lower() == ".pts" and layout.promised is not None and len(numbers) < layout.promised:
-        raise CloudError(f"{path} is cut off: {len(numbers):,} of {layout.promised:,} points are there; copy it again")
+    promised = _promised(path) if _has_counts(path, layout) else 0
+    if len(numbers) < promised:
+        raise CloudError(f"{path} is cut off: {len(numbers):,} of {promised:,} points are there; copy it again")
     fields = {name: column[name] for name in column if name in wanted and name not in xyz + rgb}
     for name in [name for name in fields if beyond_double(fields[name])]:
         for kind in (np.int64, np.uint64):
@@ -171,7 +173,8 @@ def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float
             for number, line in enumerate(stream, 1):
                 words = [word.strip('" \t') for word in line.split("#")[0].strip().split(layout.separator)]
                 asked = [words[place] for place in places if place < len(words)]
-                is_row = number > layout.lines_before and any(words)
+                is_count = _has_counts(path, layout) and line.strip().isdecimal()
+                is_row = number > layout.lines_before and any(words) and not is_count
                 if is_row and not (len(asked) == len(places) and all(map(_is_number, asked))):
                     raise CloudError(
                         f"{path}: line {number} ({line.strip()[:60]!r}) has no {layout.columns} numbers as the first "
@@ -182,10 +185,23 @@ def _numbers(path: Path, layout: _Layout, places: list[int]) -> NDArray[np.float
 
 def _read(path: Path, layout: _Layout, places: list[int], kind: np.dtype[Any]) -> NDArray[Any]:
     with path.open(encoding="utf-8-sig", errors="replace") as stream:
-        lines = islice(stream, layout.lines_before, None)
+        lines: Iterator[str] = islice(stream, layout.lines_before, None)
+        if _has_counts(path, layout):
+            lines = (line for line in lines if not line.strip().isdecimal())
         # A label with a single quote must not swallow the lines down to the next one.
         rows = (line.replace('"', "") if line.count('"') % 2 else line for line in lines)
         return np.loadtxt(rows, dtype=kind, delimiter=layout.separator, usecols=places, ndmin=2, quotechar='"')
+
+
+def _has_counts(path: Path, layout: _Layout) -> bool:
+    """Whether each scan in the file begins with the number of its points."""
+    return path.suffix.lower() == ".pts" and layout.promised is not None
+
+
+def _promised(path: Path) -> int:
+    """The sum of these numbers."""
+    with path.open(encoding="utf-8-sig", errors="replace") as stream:
+        return sum(int(line) for line in stream if len(line) < _LONGEST_COUNT and line.strip().isdecimal())
 
 
 def holds_points(path: Path) -> bool:

@@ -34,6 +34,8 @@ def no_surface(points: NDArray[np.float64]) -> str | None:
     far = strays(points)
     if len(far) and not lies_on_a_line(np.delete(points, far, axis=0)):
         return where_strays_lie(points, far)
+    if parts := two_parts(points):
+        return parts
     return f"its {len(points):,} points lie on one line; there is no surface to complete"
 
 
@@ -57,6 +59,33 @@ def strays(points: NDArray[np.float64]) -> NDArray[np.int64]:
     reach = _FAR_SPREADS * max(float((high - low).max()), SMALLEST_M)
     far = np.flatnonzero(((points < low - reach) | (points > high + reach)).any(axis=1))
     return far if len(far) <= _FEW * len(points) else far[:0]
+
+
+def two_parts(points: NDArray[np.float64]) -> str | None:
+    """What to say of (N, 3) points, N at least 2, in two parts farther apart than any building is long; None of others.
+
+    So lie stations that were never brought into one frame, and points without a return, which many programs put at 0.
+    """
+    axis = int(np.ptp(points, axis=0).argmax())
+    ascending = np.sort(points[:, axis])
+    gaps = np.diff(ascending)
+    at = int(gaps.argmax())
+    if gaps[at] <= LARGEST_M:
+        return None
+    low = points[:, axis] <= ascending[at]
+    parts = points[low], points[~low]
+    if gaps[at] <= _FAR_SPREADS * max(float(np.ptp(part, axis=0).max()) for part in parts):
+        return None
+    if all(len(part) < 2 or lies_on_a_line(part) for part in parts):
+        return None
+    nowhere = (points == 0).all(axis=1)
+    if np.array_equal(nowhere, low) or np.array_equal(nowhere, ~low):
+        lie = "points lie" if nowhere.sum() > 1 else "points lies"
+        return f"{nowhere.sum():,} of its {lie} at (0, 0, 0), {gaps[at]:,.0f} m from all others; delete them"
+    return (
+        f"its points lie in two parts, {low.sum():,} and {(~low).sum():,} points, {gaps[at]:,.0f} m apart; bring them "
+        "into one frame, or complete each by itself"
+    )
 
 
 def where_strays_lie(points: NDArray[np.float64], far: NDArray[np.int64]) -> str:

@@ -90,6 +90,11 @@ def test_a_scans_own_confidence_is_kept_beside_and_added_points_are_opaque(run):
     found = read_cloud_and_fields(Path("out.ply"))[1]
     assert (found["confidence_scan"][: len(scan)] == 0.5).all() and (found["confidence"][: len(scan)] == 1).all()
     assert (found["alpha"] == 200).all() and (found["added"] == 1).any()
+    write_cloud(scan, Path("scan.ply"), fields | {"confidence_scan": np.full(len(scan), 7, np.uint8)})
+    said = run("scan.ply", "-o", "out.ply", "--completer", "plane_fitting")
+    assert "pcdbench: of the fields of scan.ply confidence is written as confidence_scan_2" in said
+    found = read_cloud_and_fields(Path("out.ply"))[1]
+    assert (found["confidence_scan"][: len(scan)] == 7).all() and (found["confidence_scan_2"][: len(scan)] == 0.5).all()
 
 
 def test_what_e57_cannot_hold_is_told(run):

@@ -57,10 +57,18 @@ def test_the_field_confidence_of_a_file_is_shown_where_it_is_one(scans: Path, ro
     assert view("done.ply").stderr == ""
     assert 'data-mode="confidence"' in (scans / "view.html").read_text()
     write_cloud(room.complete, scans / "phone.ply", {"confidence": 2 * trust})
-    assert (
-        view("phone.ply").stderr == "pcdbench: phone.ply: its field confidence is not within [0, 1], and is not shown\n"
-    )
+    told = "pcdbench: phone.ply: its field confidence is not one number in [0, 1] of each point, and is not shown\n"
+    assert view("phone.ply").stderr == told
     assert 'data-mode="confidence"' not in (scans / "view.html").read_text()
+
+
+@pytest.mark.parametrize("marks", [np.linspace(1, 2, 4000), np.zeros((4000, 2))])
+def test_a_field_added_that_marks_nothing_is_not_shown(scans: Path, room: Scene, marks: np.ndarray) -> None:
+    write_cloud(room.complete, scans / "other.npz", {"added": marks, "confidence": np.ones((4000, 3))})
+    first, second = view("other.npz").stderr.splitlines()
+    assert first == "pcdbench: other.npz: its field added is not 0 or 1 of each point, and is not shown"
+    assert "its field confidence is not one number in [0, 1]" in second
+    assert "added (" not in (scans / "view.html").read_text()
 
 
 def test_another_axis_may_be_up(scans: Path, room: Scene) -> None:

@@ -321,6 +321,17 @@ def test_points_too_far_away_for_tiles_are_named(far, message):
         pcdbench.complete(PointCloud(np.concatenate([scan, far])), Nothing())
 
 
+def test_a_scan_in_two_parts_is_told_as_that_and_not_as_one_of_another_unit():
+    scan = hall(0.2, (4, 4), color=False).points
+    mapped = scan + np.array([4e5, 5.6e6, 300.0])
+    nowhere = np.zeros((len(scan) // 10, 3))
+    told = rf"^{len(nowhere):,} of its points lie at \(0, 0, 0\), 5,6.* m from all others; delete them$"
+    with pytest.raises(CloudError, match=told):
+        pcdbench.complete(PointCloud(np.concatenate([mapped, nowhere])), Nothing())
+    with pytest.warns(CompletionWarning, match="lie in two parts, .* 99[0-9] m apart; bring them into one frame"):
+        pcdbench.complete(PointCloud(np.concatenate([scan, scan + np.array([1000.0, 0, 0])])), Nothing())
+
+
 def test_a_small_scan_is_one_tile_and_a_large_one_is_not():
     rng = np.random.default_rng(0)
 

@@ -193,6 +193,10 @@ def test_huge_clouds_are_thinned_before_sampling(tmp_path, monkeypatch):
         (np.round(np.linspace(0, 5, 500)[:, None] * [1.0, 2.0, 0.5], 3), "lie on one line"),
         (np.vstack([np.linspace(0, 5, 500)[:, None] * [1.0, 2.0, 0.5], [1e8] * 3]), "lie on one line"),
         (np.vstack([np.random.default_rng(0).uniform(0, 4, (500, 3)), [1e8] * 3]), "1 point lies far from all others"),
+        (
+            np.concatenate([np.random.default_rng(n).uniform(0, 4, (500, 3)) + 5e6 * n for n in (0, 1)]),
+            r"its points lie in two parts, 500 and 500 points, 4,999,99\d m apart; bring them into one frame",
+        ),
     ],
 )
 def test_clouds_too_small_to_measure_are_refused(tmp_path, points, message):

@@ -234,6 +234,55 @@ def test_las_takes_the_smallest_point_format_that_holds_what_there_is(tmp_path):
             np.testing.assert_array_equal(las[name], values)
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("intensity", "classification", "return_number"),
+        ("Intensity", "Classification", "ReturnNumber"),
+        ("scalar_Intensity", "scalar_Classification", "scalar_Return_Number"),
+    ],
+)
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.uint16])
+def test_las_has_its_own_dimensions_however_other_programs_spell_them(tmp_path, names, kind):
+    import laspy
+
+    some = np.arange(200) % 5
+    write_cloud(marked()[0], tmp_path / "a.laz", {name: some.astype(kind) for name in names})
+    las = laspy.read(tmp_path / "a.laz")
+    assert not list(las.point_format.extra_dimension_names)
+    for name in ("intensity", "classification", "return_number"):
+        np.testing.assert_array_equal(las[name], some)
+
+
+def test_of_two_spellings_one_is_the_dimension(tmp_path):
+    some = np.arange(200) % 5
+    write_cloud(marked()[0], tmp_path / "a.las", {"Intensity": some, "intensity": some + 1})
+    back = fields_of(tmp_path / "a.las")
+    np.testing.assert_array_equal(back["intensity"], some + 1)
+    np.testing.assert_array_equal(back["Intensity_2"], some)
+
+
+def test_numbers_of_an_ascii_ply_keep_their_types(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+    more = "property float intensity\nproperty double time\nproperty uchar label\nend_header\n"
+    (tmp_path / "a.ply").write_text(header + more + "0 1 2 0.164 0.1 7\n3 4 5 0.5 0.2 8\n")
+    assert {name: values.dtype for name, values in fields_of(tmp_path / "a.ply").items()} == {
+        "intensity": np.float32,
+        "time": np.float64,
+        "label": np.uint8,
+    }
+
+
+def test_the_alpha_of_a_pcd_is_a_field_where_it_says_something(tmp_path):
+    header = "VERSION .7\nFIELDS x y z rgba\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 2\nHEIGHT 1\nPOINTS 2\n"
+    for second, expected in ((255 << 24, None), (9 << 24, [255, 9])):
+        rows = f"0 0 0 {(255 << 24) + 0x0A141E}\n1 1 1 {second + 0x0A141E}\n"
+        (tmp_path / "a.pcd").write_text(f"{header}DATA ascii\n{rows}")
+        cloud, fields = read_cloud_and_fields(tmp_path / "a.pcd")
+        np.testing.assert_allclose(cloud.colors, [[10 / 255, 20 / 255, 30 / 255]] * 2)
+        assert (fields["alpha"].tolist() if "alpha" in fields else None) == expected
+
+
 def test_what_las_has_a_name_but_no_place_for_stands_beside(tmp_path):
     intensity = np.linspace(0, 1, 200)
     write_cloud(

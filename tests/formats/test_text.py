@@ -195,6 +195,35 @@ def test_normals_may_be_missing_of_some_points(tmp_path, recwarn):
     cloud, fields = read_cloud_and_fields(path)
     assert len(cloud) == 3 and cloud.colors is None and not recwarn.list
     np.testing.assert_array_equal(fields["nx"], [-1, np.nan, 0])
+
+
+def test_points_without_colour_are_points(tmp_path):
+    path = tmp_path / "a.xyz"
     path.write_text("0 0 0 255 0 51\n1 2 3 nan nan nan\n")
-    with pytest.warns(CloudWarning, match="1 of 2 points are not valid"):
-        assert read_cloud(path).colors is not None
+    with pytest.warns(CloudWarning, match=r"1 of its points have no valid colour; the colours of all are left out"):
+        cloud = read_cloud(path)
+    assert len(cloud) == 2 and cloud.colors is None
+    path.write_text("0 0 0 255 0 51\n" * 199 + "1 2 3 nan nan nan\n")
+    with pytest.warns(CloudWarning, match=r"1 of its points have no valid colour; these are grey"):
+        cloud = read_cloud(path)
+    assert len(cloud) == 200 and cloud.colors is not None
+    np.testing.assert_allclose(cloud.colors[[0, -1]], [[1, 0, 0.2], [0.5, 0.5, 0.5]], atol=1e-6)
+    np.savez(tmp_path / "a.npz", points=cloud.points, colors=np.full((200, 3), np.nan, np.float32))
+    with pytest.warns(CloudWarning, match="200 of its points have no valid colour") as told:
+        assert read_cloud(tmp_path / "a.npz").colors is None
+    assert len(told) == 1
+
+
+def test_pts_files_may_hold_several_scans(tmp_path):
+    path = tmp_path / "a.pts"
+    block = "2\n0 0 0 -900 255 0 51\n1 2 3 -800 0 0 0\n"
+    path.write_text(block + block.replace("2\n", "2\n", 1).replace("1 2 3", "4 5 6"))
+    cloud, fields = read_cloud_and_fields(path)
+    np.testing.assert_array_equal(cloud.points, [[0, 0, 0], [1, 2, 3], [0, 0, 0], [4, 5, 6]])
+    np.testing.assert_array_equal(fields["intensity"], [-900, -800, -900, -800])
+    path.write_text(block + "9\n" + block.partition("\n")[2])
+    with pytest.raises(CloudError, match="is cut off: 4 of 11 points are there; copy it again"):
+        read_cloud(path)
+    path.write_text(block + "2\n0 0 x -900 255 0 51\n")
+    with pytest.raises(CloudError, match=r"line 5 \('0 0 x -900 255 0 51'\) has no 7 numbers"):
+        read_cloud(path)
