@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PANEL_INCHES = (3.4, 2.7)
+_LEGEND_ROW_INCHES = 0.2
+_MOST_COLUMNS = 5
 _OURS, _PUBLISHED = "#0072B2", "#8c8c8c"
 
 
@@ -50,9 +52,18 @@ def _panels(count: int) -> tuple[Figure, Sequence[Axes]]:
 
 
 def _with_legend(figure: Figure, panel: Axes) -> Figure:
+    """The figure with a legend below, in as many columns as it is wide."""
     handles, labels = panel.get_legend_handles_labels()
-    if len(labels) > 1:
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 5), frameon=False)
+    if len(labels) < 2:
+        return figure
+    for columns in range(min(len(labels), _MOST_COLUMNS), 0, -1):
+        legend = figure.legend(handles, labels, loc="outside lower center", ncols=columns, frameon=False)
+        figure.draw_without_rendering()
+        if columns == 1 or legend.get_window_extent().width <= figure.bbox.width:
+            break
+        legend.remove()
+    rows = -(-len(labels) // columns)
+    figure.set_figheight(figure.get_figheight() + (rows - 1) * _LEGEND_ROW_INCHES)
     return figure
 
 

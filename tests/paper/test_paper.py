@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from pcdbench.cli import app
 from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.summary import summarize
+from pcdbench.paper.drawing import _panels, _with_legend
 from pcdbench.paper.numbers import _parameters
 from pcdbench.paper.publication import ShownCurve, read_publication
 from pcdbench.plugins import registry
@@ -283,3 +284,15 @@ def test_running_statistics_are_no_parameters(tmp_path: Path) -> None:
     assert _parameters(tmp_path / "weights.safetensors") == 5 + 5 + 6
     (shipped,) = registry().get("completer", "deeppcd").load()().weights_files()
     assert _parameters(shipped) == 7_735_055
+
+
+@pytest.mark.parametrize("count", [2, 5, 7])
+def test_a_legend_is_as_wide_as_its_figure_at_most(count: int) -> None:
+    figure, (panel,) = _panels(1)
+    for number in range(count):
+        panel.plot([0, 1], [0, number], label=f"completer_number_{number}")
+    (legend,) = _with_legend(figure, panel).legends
+    figure.draw_without_rendering()
+    extent = legend.get_window_extent()
+    assert figure.bbox.x0 <= extent.x0 < extent.x1 <= figure.bbox.x1 and extent.y0 >= figure.bbox.y0
+    assert len(legend.get_texts()) == count and panel.get_window_extent().height > 100
