@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-import select
 import selectors
 import shlex
 import subprocess
@@ -321,11 +320,10 @@ class _Program:
         """
         assert process.stdout is not None
         waiting = b""
-        while select.select([process.stdout], [], [], 0)[0]:
-            piece = os.read(process.stdout.fileno(), _PIECE_BYTES)
-            if not piece:
-                break
-            waiting += piece
+        with selectors.DefaultSelector() as selector:
+            selector.register(process.stdout, selectors.EVENT_READ)
+            while selector.select(0) and (piece := os.read(process.stdout.fileno(), _PIECE_BYTES)):
+                waiting += piece
         if any(_as_answer(line) is not None for line in re.split(rb"[\r\n]", waiting)):
             raise PluginError(
                 f"{self._command[0]} answered twice to one cloud ({_last_line(waiting)}); let it print one answer, "
