@@ -58,7 +58,8 @@ class CommandCompleter(Completer):
     A command with `{completed}` in it is started for each cloud. One without is started once a worker, so that it
     loads its network once, and told of each cloud by a line on its standard input: the two files and the seed, with
     tabs between. It answers by one line on its standard output, once the cloud is written: `done`, `skipped: REASON` or
-    `failed: REASON`; other lines are passed over. What is started for each cloud may say `skipped: REASON` in its last line.
+    `failed: REASON`; other lines are passed over. What is started for each cloud may say `skipped: REASON` in its
+    last line.
 
     It runs in a folder of its own, with as many threads as this process has (`OMP_NUM_THREADS`).
 
