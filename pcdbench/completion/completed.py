@@ -84,7 +84,7 @@ class Completed:
             fields: further numbers of each observed point, (N,) or (N, K), written too where the format has fields. Of
                 added points they are not known: 0 where numbers are whole, else NaN. A scan's own `added` and
                 `confidence` become `added_scan` and `confidence_scan`, or the next free name (`added_scan_2`).
-            like: the scan, whose coordinate reference system is taken over from LAS to LAS.
+            like: the scan, whose coordinate reference system (LAS to LAS) or VIEWPOINT (PCD to PCD) is taken over.
 
         Raises:
             CloudError: where nothing was added and nothing else is asked for, or the file cannot be written.

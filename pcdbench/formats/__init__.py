@@ -154,7 +154,7 @@ def write_cloud(
             those of the names of its own dimensions (`intensity`) are these; K columns are numbered but in NPZ.
         exact: coordinates are kept to the last bit in PLY, PCD (double where float would round at all) and
             NPZ, to a nanometre in text, and in LAS wherever a scale down to 100 nm reaches them.
-        like: a file whose coordinate reference system is taken over, where both are LAS or LAZ.
+        like: a file of the same format whose coordinate reference system (LAS, LAZ) or VIEWPOINT (PCD) is taken over.
 
     Raises:
         CloudError: for an empty cloud, an unknown extension, fields of another length or where the format has none

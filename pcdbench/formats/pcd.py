@@ -32,6 +32,7 @@ from pcdbench.formats.columns import (
     unit_colors,
 )
 
+_EXTENSION = ".pcd"
 _PACKED = ("rgb", "rgba")
 _KINDS = {"F": "f", "U": "u", "I": "i"}
 # LZF's longest back reference gives 264 bytes for 3.
@@ -90,7 +91,8 @@ def write(
 ) -> None:
     """Write binary PCD: x y z as float, or as double where float would lose more than 0.05 mm; packed `rgb`.
 
-    Fields follow. Where it must be exact, coordinates are double if float would lose anything.
+    Fields follow. Where it must be exact, coordinates are double if float would lose anything. The VIEWPOINT is that
+    of `like`.
     """
     size = 8 if needs_double(cloud.points, exact) else 4
     columns = dict.fromkeys("xyz", ("F", size))
@@ -120,13 +122,24 @@ def write(
         "COUNT " + " ".join("1" * len(columns)),
         f"WIDTH {len(cloud)}",
         "HEIGHT 1",
-        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"VIEWPOINT {_viewpoint(like)}",
         f"POINTS {len(cloud)}",
         "DATA binary\n",
     ]
     with path.open("wb") as stream:
         stream.write("\n".join(header).encode())
         stream.write(rows.data)
+
+
+def _viewpoint(path: Path | None) -> str:
+    """Where the scanner of a PCD file stood (x y z) and how it was turned (w x y z), as the file spells it."""
+    if path is not None and path.suffix.lower() == _EXTENSION:
+        with path.open("rb") as stream:
+            words = _header(stream, path).get("VIEWPOINT", [])
+        with suppress(ValueError):
+            if len([float(word) for word in words]) == 7:
+                return " ".join(words)
+    return "0 0 0 1 0 0 0"
 
 
 def _header(stream: BinaryIO, path: Path) -> dict[str, list[str]]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pcdbench.errors import CloudError
-from pcdbench.formats import read_cloud, read_cloud_and_fields
+from pcdbench.formats import read_cloud, read_cloud_and_fields, write_cloud
 from pcdbench.open3d_loader import load_open3d
 
 BYTES = np.array([[255, 0, 51], [1, 2, 3], [128, 64, 32]], dtype=np.uint8)
@@ -51,6 +51,22 @@ def test_whole_numbers_in_ascii_keep_their_digits(tmp_path):
     assert fields["t"].dtype == np.uint64 and fields["t"].tolist() == [1700000000000000123, 2**64 - 1]
     assert fields["n"].dtype == np.int64 and fields["n"].tolist() == [[7, -1700000000000000123], [8, 9]]
     assert fields["s"].tolist() == [1700000000000000000, 9]
+
+
+@pytest.mark.parametrize(
+    ("said", "written"),
+    [
+        (b"VIEWPOINT 1.5 -2 0.1 0.5 0.5 0.5 0.5", b"VIEWPOINT 1.5 -2 0.1 0.5 0.5 0.5 0.5\n"),
+        (b"VIEWPOINT 1.5 -2", b"VIEWPOINT 0 0 0 1 0 0 0\n"),
+        (b"VIEWPOINT here and there 1 0 0 0", b"VIEWPOINT 0 0 0 1 0 0 0\n"),
+        (b"#", b"VIEWPOINT 0 0 0 1 0 0 0\n"),
+    ],
+)
+def test_viewpoint_of_another_file(tmp_path, said, written):
+    head = header("x y z", "4 4 4", "F F F", 2, "ascii").replace(b"VIEWPOINT 0 0 0 1 0 0 0", said)
+    (tmp_path / "a.pcd").write_bytes(head + b"1 2 3\n4 5 6\n")
+    write_cloud(read_cloud(tmp_path / "a.pcd"), tmp_path / "b.pcd", like=tmp_path / "a.pcd")
+    assert written in (tmp_path / "b.pcd").read_bytes()
 
 
 def test_separate_colors_padding_and_counts(tmp_path):
