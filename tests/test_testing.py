@@ -237,7 +237,7 @@ FAULTY_TASKS = {
     "declares ['gap_m', 'more_m'] but measures ['gap_m']": task(
         lambda *_: gap(1.0), metrics=(METRIC, Metric("more_m", "m", "lower", "another one"))
     ),
-    "samples of 'gap_m' not finite": task(lambda case, completed, rng: gap(float("nan"))),
+    "samples of 'gap_m' are not finite": task(lambda case, completed, rng: gap(float("nan"))),
     "must be a sequence of numbers, not of shape ()": task(lambda *_: Measurements({"gap_m": 0.1})),  # type: ignore[dict-item]
     "the samples of 'gap_m' are not numbers": task(lambda *_: Measurements({"gap_m": ["far"]})),  # type: ignore[list-item]
     "the samples must be a dict, not list": task(lambda *_: Measurements([0.1])),  # type: ignore[arg-type]

@@ -53,16 +53,17 @@ def _found(board: Board, key: str) -> tuple[BoardCell, Sequence[str]]:
         raise PcdbenchError(f"{key!r} is too short for a key; give at least {_FEWEST_DIGITS} digits of it")
     # Boards keep the first 16 digits of a key; their page puts an ellipsis after them, and `rows.jsonl` has all 64.
     wanted = key.rstrip("…")
-    found = [
-        (cell, tasks)
+    # Splits that overlap have cells of the same key: they are the same.
+    found = {
+        its: (cell, tasks)
         for cell in board.cells
         for its, tasks in [(cell.key, list(cell.results)), *((row.key, [task]) for task, row in cell.results.items())]
         if its.startswith(wanted[: len(its)])
-    ]
+    }
     if len(found) != 1:
         told = f"{len(found)} keys of board {board.name} begin" if found else f"no key of board {board.name} begins"
         raise PcdbenchError(f"{told} with {key}; the rows that a number of the page leads to have their keys")
-    return found[0]
+    return next(iter(found.values()))
 
 
 def _told(cell: BoardCell, row: Mapping[str, Any]) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pcdbench.leaderboard.summary import level_text
+from pcdbench.paths import file_name
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,7 +87,7 @@ def _figures(board: Board) -> Iterator[tuple[str, str, Figure]]:
     styles = styles_of([its.label for its in board.completers], references)
     for number, data in enumerate(board.data):
         several = len(board.data) > 1
-        prefix = f"{data.dataset}_{data.split}_" if several else ""
+        prefix = f"{file_name(f'{data.dataset}_{data.split}')}_" if several else ""
         of = f" on {data.dataset} {data.split}" if several else ""
         main = _main_standings(board, number)
         if not main:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from pcdbench.incompleteness import MEASURED
 from pcdbench.leaderboard.statistics import Estimate
+from pcdbench.runner.store import write_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,5 +76,5 @@ def write_tables(board: Board, folder: Path) -> None:
     from pyarrow import parquet
 
     table = board_table(board)
-    (folder / "leaderboard.csv").write_text(table.to_csv(index=False, float_format="%.9g", lineterminator="\n"))
+    write_text(folder / "leaderboard.csv", table.to_csv(index=False, float_format="%.9g", lineterminator="\n"))
     parquet.write_table(pyarrow.Table.from_pandas(table, preserve_index=False), folder / "leaderboard.parquet")

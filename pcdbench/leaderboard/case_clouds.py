@@ -145,7 +145,7 @@ class Remaking:
             PcdbenchError: where the case itself cannot be made.
         """
         cells = self._cells_of[case]
-        made = self.case(cells[0])
+        made = self._any_case(cells)
         named: list[tuple[str | None, str, PointCloud]] = [
             (None, TRUE, made.scene.complete),
             (None, INCOMPLETE, made.cloud),
@@ -166,6 +166,16 @@ class Remaking:
         missing = level_text(its.level, math.nan if its.missing is None else its.missing)
         title = f"{its.scene}: {missing} missing ({its.incompleteness})"
         return CaseClouds(case, title, tuple(label for label, _, _ in named), tuple(shown)), problems
+
+    def _any_case(self, cells: Sequence[BoardCell]) -> Case:
+        """The case of these cells: each of them tells which it is, if its completer is here as it was."""
+        problems = []
+        for known in cells:
+            try:
+                return self.case(known)
+            except PcdbenchError as error:
+                problems.append(error)
+        raise problems[0]
 
     def _dataset(self, number: int) -> Plugin:
         data = self.board.data[number]

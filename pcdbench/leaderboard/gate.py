@@ -7,7 +7,7 @@ by nothing at all, and only what changed is tested.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -75,6 +75,9 @@ class Verdict:
     def holds(self) -> bool:
         """Whether there is no regression."""
         return not any(finding.is_regression for finding in self.findings)
+
+
+_Groups = dict[Hashable, list[BoardCompleter]]
 
 
 @dataclass(frozen=True)
@@ -179,13 +182,57 @@ def paired(committed: Board, fresh: Board) -> dict[str, list[_Pair]]:
     return found
 
 
-def _matched(committed: Board, fresh: Board) -> Iterator[tuple[BoardCompleter, BoardCompleter | None]]:
-    """Each completer of the committed board and the fresh one of its options, else the only one of its name."""
-    for old in committed.completers:
-        named = [new for new in fresh.completers if new.name == old.name]
-        alone = len(named) == 1 and sum(one.name == old.name for one in committed.completers) == 1
-        same = [new for new in named if canonical_json(new.options) == canonical_json(old.options)]
-        yield old, named[0] if alone else same[0] if len(same) == 1 else None
+def _matched(committed: Board, fresh: Board) -> list[tuple[BoardCompleter, BoardCompleter | None]]:
+    """Each completer of the committed board and the fresh one that it is compared with, which no other is.
+
+    That is the only one of its name, else the one of its options, version and weights, else that of its options and
+    version, else that of its options. Of several versions on the board the one that was measured last stands for them.
+    """
+    new_of: dict[str, BoardCompleter] = {}
+    measured = _last_measured(committed)
+    news_named = _grouped(fresh.completers, _name)
+    for name, olds in _grouped(committed.completers, _name).items():
+        if len(olds) == len(news_named[name]) == 1:
+            new_of[olds[0].label] = news_named[name][0]
+    for same in (_release, _version, _entry):
+        taken = {its.label for its in new_of.values()}
+        news_alike = _grouped((its for its in fresh.completers if its.label not in taken), same)
+        for key, olds in _grouped((its for its in committed.completers if its.label not in new_of), same).items():
+            if len(news_alike[key]) == 1:
+                new_of[max(olds, key=lambda old: measured.get(old.label, "")).label] = news_alike[key][0]
+    return [(old, new_of.get(old.label)) for old in committed.completers]
+
+
+def _name(its: BoardCompleter) -> str:
+    return its.name
+
+
+def _entry(its: BoardCompleter) -> tuple[str | None, ...]:
+    return its.name, canonical_json(its.options)
+
+
+def _version(its: BoardCompleter) -> tuple[str | None, ...]:
+    return *_entry(its), its.version
+
+
+def _release(its: BoardCompleter) -> tuple[str | None, ...]:
+    return *_version(its), its.weights
+
+
+def _grouped(completers: Iterable[BoardCompleter], same: Callable[[BoardCompleter], Hashable]) -> _Groups:
+    groups: _Groups = defaultdict(list)
+    for its in completers:
+        groups[same(its)].append(its)
+    return groups
+
+
+def _last_measured(board: Board) -> dict[str, str]:
+    """By label, when the latest run that has cells of it began."""
+    latest: dict[str, str] = {}
+    for cell in board.cells:
+        time = str(board.runs[cell.run].facts.get("time") or "")
+        latest[cell.completer] = max(time, latest.get(cell.completer, ""))
+    return latest
 
 
 def case_key(board: Board, case: BoardCase) -> tuple:
@@ -195,7 +242,7 @@ def case_key(board: Board, case: BoardCase) -> tuple:
 
 
 def _unmatched(committed: Board, fresh: Board) -> Iterator[Finding]:
-    matched = list(_matched(committed, fresh))
+    matched = _matched(committed, fresh)
     for old, new in matched:
         if new is None:
             yield Finding("note", old.label, "", f"{old.label} is on the board and was not run")

@@ -89,12 +89,20 @@ def _run_folders(folders: Iterable[Path]) -> list[Path]:
     found: dict[Path, Path] = {}
     for folder in folders:
         try:
-            inner = [] if (folder / RUN).exists() else sorted(path.parent for path in folder.glob(f"*/{RUN}"))
+            inner = _runs_in(folder)
         except OSError as error:
             raise PcdbenchError(f"{folder} cannot be read ({error.strerror}); give the folder of a run") from None
         for path in inner or [folder]:
             found.setdefault(path.resolve(), path)
     return list(found.values())
+
+
+def _runs_in(folder: Path, depth: int = 2) -> list[Path]:
+    """The folder of a run itself, else those of the runs in it: a suite of several seeds has one for each."""
+    if (folder / RUN).exists():
+        return [folder]
+    inner = sorted(path for path in folder.iterdir() if path.is_dir()) if depth and folder.is_dir() else []
+    return [run for path in inner for run in _runs_in(path, depth - 1)]
 
 
 def merge(runs: Sequence[RunRows]) -> list[MergedRow]:
@@ -128,11 +136,11 @@ def _read(folder: Path) -> list[RunRows]:
     facts = read_run(folder)
     require_sound_facts(facts, folder / RUN)
     shared: dict[str, Any] = {}
-    rows = []
+    rows, path = [], folder / ROWS
     for row in read_rows(folder):
-        require_sound_rows([row], folder / ROWS)
-        require_sound_keys(row, folder / ROWS)
-        rows.append(_slim(row, shared, folder / ROWS))
+        require_sound_rows([row], path)
+        require_sound_keys(row, path)
+        rows.append(_slim(row, shared, path))
     if not rows:
         raise PcdbenchError(f"{folder} has no rows yet; give its command again to go on (it is in {folder / RUN})")
     warn_of_missing_rows(folder, facts, rows)

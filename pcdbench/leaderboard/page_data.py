@@ -238,12 +238,14 @@ def _samples(
     packed: list[dict[str, str] | None] = [None] * metrics
     left = SAMPLES_AT_MOST
     for metric, its in sorted(samples.items(), key=lambda item: sum(map(len, item[1].values()))):
-        counts = np.zeros(shape, "<u2")
-        for at, of_case in its.items():
-            counts[at] = len(of_case)
-        left -= int(counts.sum(dtype=np.int64))
+        left -= sum(map(len, its.values()))
         if left < 0:
             break
+        counts = np.zeros(shape, "<u2")
+        if max(map(len, its.values()), default=0) > np.iinfo(counts.dtype).max:
+            continue
+        for at, of_case in its.items():
+            counts[at] = len(of_case)
         values = np.concatenate([its[at] for at in sorted(its)])
         packed[metric] = {"counts": base64_text(counts), "values": packed_floats(values)}
     return packed

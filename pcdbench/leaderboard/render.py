@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -184,7 +183,10 @@ def markdown(tables: Sequence[Table]) -> str:
 
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """The lines of a frame as JSON values; what is not a number is null."""
-    return json.loads(frame.to_json(orient="records", double_precision=15))
+    return [
+        {name: None if isinstance(value, float) and not math.isfinite(value) else value for name, value in line.items()}
+        for line in frame.to_dict("records")
+    ]
 
 
 def number(value: float, unit: str = "") -> str:

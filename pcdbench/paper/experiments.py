@@ -167,7 +167,10 @@ def _take(planned: Plan, folder: Path, place: Place) -> None:
     with RunStore(folder, planned.configuration, {"taken_from": [str(run) for run in place.taken_from]}) as store:
         wanted -= store.rows().finished_keys
         for run in place.taken_from:
-            different = _other_code(read_run(run)["configuration"], planned.configuration)
+            theirs = read_run(run)["configuration"]
+            if theirs["dataset"].get("code") != planned.configuration["dataset"]["code"]:
+                continue
+            different = _other_code(theirs, planned.configuration)
             taken = [
                 row
                 for row in read_rows(run)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from pcdbench.errors import PcdbenchError, told
+from pcdbench.errors import PcdbenchError, PluginError, told
 from pcdbench.incompleteness import MEASURED
 from pcdbench.keys import digest, seed_from
 from pcdbench.plugins import Kind, did_you_mean, registry
@@ -195,8 +195,12 @@ def plan(request: Request) -> Plan:
     incompletenesses = _plugins("incompleteness", names["incompleteness"], request.incompletenesses, options, left_out)
     levels = _levels(request.levels)
     with whose_data_set(dataset):
-        scenes, draws = _scenes(opened, dataset_name, split), opened.draws(split)
-        environments = {scene: its for scene in scenes if (its := opened.environment(scene)) != scene}
+        scenes, draws = _scenes(opened, dataset_name, split), _draws(opened, dataset_name, split)
+        environments = {
+            scene: its
+            for scene in scenes
+            if (its := _text(opened.environment(scene), dataset_name, "environment")) != scene
+        }
     return Plan(
         dataset, split, tasks, completers, incompletenesses, levels, request.seed, scenes, draws, environments, left_out
     )
@@ -275,12 +279,29 @@ def _scenes(dataset: Dataset, name: str, split: str) -> dict[str, str]:
     """Digest by scene; one that cannot be read keeps its place, and fails when its turn comes."""
     digests: dict[str, str] = {}
     for scene in dataset.scene_names(split):
+        _text(scene, name, "scene_names")
         try:
-            digests[scene] = dataset.digest(scene)
+            found = dataset.digest(scene)
         except PcdbenchError as error:
             digests[scene] = f"unreadable: {error}"
         except (Exception, SystemExit) as error:
             digests[scene] = f"unreadable: {told(error)}"
+        else:
+            digests[scene] = _text(found, name, "digest")
     if not digests:
         raise PcdbenchError(f"split {split!r} of data set {name!r} has no scenes; give another --split or folder")
     return digests
+
+
+def _draws(dataset: Dataset, name: str, split: str) -> int:
+    draws = dataset.draws(split)
+    if not isinstance(draws, int) or draws < 1:
+        raise PluginError(f"data set {name!r}: draws() must return a whole number from 1 on, not {draws!r:.60}")
+    return draws
+
+
+def _text(value: object, name: str, method: str) -> str:
+    """What a data set says of a scene; rows and boards have room for a text there."""
+    if not isinstance(value, str) or not value:
+        raise PluginError(f"data set {name!r}: {method}() must give a text that is not empty, not {value!r:.60}")
+    return value

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from pcdbench.errors import PcdbenchError
-from pcdbench.runner.rows import FOREKNOWN
+from pcdbench.runner.rows import FOREKNOWN, LARGEST
 
-_LARGEST = 1e300
 _TEXTS = ("key", "cell", "scene", "status")
 _STATUSES = ("ok", "failed", "timeout", "skipped")
 _DIRECTIONS, _SUMMARIES = ("lower", "higher"), ("median", "mean")
@@ -85,11 +84,11 @@ def _are_numbers(values: list[Any]) -> bool:
     # As `_is_number`, with nothing but built-in loops: a large run has millions.
     return (
         _NUMBERS.issuperset(map(type, values))
-        and max(map(abs, values), default=0) <= _LARGEST
+        and max(map(abs, values), default=0) <= LARGEST
         and not any(map(math.isnan, values))
     )
 
 
 def _is_number(value: Any) -> bool:
     # NaN compares false, and whole numbers of JSON may be too large for a float.
-    return type(value) in _NUMBERS and abs(value) <= _LARGEST
+    return type(value) in _NUMBERS and abs(value) <= LARGEST

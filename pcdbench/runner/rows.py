@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 SCHEMA_VERSION = 1
 FOREKNOWN = "foreknown"
+LARGEST = 1e300  # beyond it sums of samples are infinite
 """Only in rows of completed clouds that hold points that were taken away, to the last bit: the share of those."""
 Row = dict[str, Any]
 
@@ -102,8 +103,9 @@ def samples_by_metric(task: Task, measurements: Measurements) -> Row:
             raise PluginError(f"the samples of {name!r} are not numbers; give a list of float") from None
         if samples.ndim != 1:
             raise PluginError(f"the samples of {name!r} must be a sequence of numbers, not of shape {samples.shape}")
-        if not np.isfinite(samples).all():
-            raise PluginError(f"{int((~np.isfinite(samples)).sum())} of {samples.size} samples of {name!r} not finite")
+        unsound = int((~(np.abs(samples) <= LARGEST)).sum())
+        if unsound:
+            raise PluginError(f"{unsound} of {samples.size} samples of {name!r} are not finite, or beyond {LARGEST:g}")
         metric = declared[name]
         metrics[name] = {
             "unit": metric.unit,

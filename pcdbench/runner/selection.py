@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -227,6 +227,10 @@ def _typed(model: type[BaseModel], key: str, text: str) -> Any:
     alternatives = tuple(get_args(one)[0] if get_origin(one) is Annotated else one for one in alternatives)
     if NoneType in alternatives and text == "None":
         return None
+    # Of whole numbers that are named one by one pydantic takes no text.
+    for named in (its for one in alternatives if get_origin(one) is Literal for its in get_args(one)):
+        if str(named) == text:
+            return named
     if any((get_origin(one) or one) in _SEQUENCES for one in alternatives):
         return [part.strip() for part in text.strip("()[] ").split(",") if part.strip()]
     return text

@@ -250,7 +250,8 @@ def _differences(held: Any, wanted: Any, *where: str) -> list[str]:
         has, has_not = ("this run", "that one") if held is None else ("that run", "this one")
         return [f"{has} has the {_KINDS[where[0]]} {where[1]}, {has_not} does not"]
     if where[-1] == "code" and len(where) > 1:
-        return [f"the code of {where[-2]} has changed"]
+        owner = "the data set" if where[-2] == "dataset" else where[-2]
+        return [f"the code of {owner} has changed"]
     owner, *keys = where[1:] if where[0] in _KINDS and len(where) > 1 else where
     what = f"{' '.join(keys)} of {owner}" if keys else owner
     return [f"{what}: {_short(held)} in that run, {_short(wanted)} in this one"]

@@ -1,6 +1,7 @@
 """`pcdbench leaderboard case`: a number of a built board leads back to the same number, and to its clouds."""
 
 import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -9,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from pcdbench.cli import app
+from pcdbench.errors import PcdbenchError
 from pcdbench.leaderboard.board_file import read_board
+from pcdbench.leaderboard.case_clouds import Remaking
 
 
 @pytest.fixture
@@ -74,7 +77,32 @@ def test_a_board_can_be_built_without_clouds_and_where_its_data_are_gone(command
     assert "<template" not in Path("board/index.html").read_text()
 
 
-def gone(*_):
-    from pcdbench import PcdbenchError
+def test_cells_that_are_in_two_splits_are_one(command):
+    shutil.copytree("run", "other")
+    facts = json.loads(Path("run/run.json").read_text())
+    facts["configuration"]["split"] = "of which it is a part"
+    Path("other/run.json").write_text(json.dumps(facts))
+    command("leaderboard", "build", "run", "other", "-o", "board")
+    keys = [cell.key for cell in read_board(Path("board")).cells if cell.completer == "tiny_fill"]
+    key = next(key for key in keys if keys.count(key) == 2)
+    assert "on the board" in command("leaderboard", "case", "board", key).output
 
+
+def test_clouds_do_not_hang_on_a_completer_that_is_gone(command, monkeypatch):
+    board = read_board(Path("board"))
+    first = board.cells[0].completer
+    cell_of = Remaking.cell
+
+    def cell(self, known):
+        if known.completer == first:
+            raise PcdbenchError(f"no completer is called {first!r}")
+        return cell_of(self, known)
+
+    monkeypatch.setattr(Remaking, "cell", cell)
+    kept = next(cell for cell in board.cells if cell.completer == "tiny_fill")
+    command("leaderboard", "case", "board", kept.key)
+    assert "<strong>tiny_fill</strong>" in Path("case.html").read_text()
+
+
+def gone(*_):
     raise PcdbenchError("the disk is elsewhere")

@@ -156,6 +156,13 @@ def test_splits_stand_side_by_side(tmp_path):
     assert [(its.data, its.cases) for its in board.standings] == [(0, 7), (1, 7)]
 
 
+def test_runs_of_a_suites_seeds_are_found_beside_others(tmp_path):
+    store_run(tmp_path / "one", rows_of("a", 1.0), split="test")
+    store_run(tmp_path / "suite" / "1", rows_of("a", 1.0), split="small")
+    store_run(tmp_path / "one" / "kept", rows_of("a", 9.0), split="earlier")
+    assert [its.split for its in board_of_runs("b", [tmp_path]).data] == ["small", "test"]
+
+
 def test_a_completer_with_other_options_or_weights_is_another_one(tmp_path):
     rows = rows_of("a", 1.0, options={"distance": 1, "same": 0}) + rows_of("a", 2.0, options={"distance": 2, "same": 0})
     rows += rows_of("net", 1.0, weights="1234567890") + rows_of("net", 1.0, weights="abcdefghij", version="2")

@@ -134,6 +134,22 @@ def test_a_case_that_fails_now_is_a_regression_and_one_that_is_mended_is_not(tmp
     assert kinds(check(bad, good)) == {("repaired", "a", "task")} and check(bad, good).holds
 
 
+def test_of_two_versions_on_a_board_each_is_compared_with_itself(tmp_path):
+    old = store_run(tmp_path / "old", rows(value=1.0, version="9"), time="2026-01-01T00:00:00Z")
+    new = store_run(tmp_path / "new", rows(value=1.5, version="10"), time="2026-01-02T00:00:00Z")
+    committed = board_of_runs("board", [old, new])
+    again = check(committed, board_of_runs("board", [new]))
+    assert again.holds and "a (version 9) is on the board and was not run" in verdict_text(again)
+    assert kinds(check(committed, board(tmp_path / "worse", rows(value=1.6, version="10")))) == {
+        ("worse", "a (version 10)", "task"),
+        ("note", "a (version 9)", ""),
+    }
+    next_one = check(committed, board(tmp_path / "next", rows(value=1.6, version="11")))
+    assert ("worse", "a (version 10)", "task") in kinds(next_one), "the one that was measured last stands for both"
+    other_weights = board(tmp_path / "w", rows(weights="1" * 64) + rows(value=2.0, weights="2" * 64))
+    assert check(other_weights, other_weights).findings == ()
+
+
 def test_time_is_a_ratio_to_the_calibration_job(tmp_path):
     committed = board(tmp_path / "one", rows(seconds=1.0), calibration=1.0)
     slow_machine = board(tmp_path / "two", rows(seconds=4.0), calibration=4.0)

@@ -18,6 +18,7 @@ from pcdbench.leaderboard.board_figures import _figures
 from pcdbench.leaderboard.board_file import SCHEMA_VERSION, board_json, read_board, write_board
 from pcdbench.leaderboard.board_readme import board_readme
 from pcdbench.leaderboard.building import board_of_runs
+from pcdbench.leaderboard.page_data import _samples
 from pcdbench.leaderboard.publishing import build_commands, publish
 from pcdbench.leaderboard.statistics import Estimate
 
@@ -197,6 +198,20 @@ def test_metrics_and_splits_cannot_break_the_tables(tmp_path):
     assert "<summary>task, version 1 (scales_m=[2, 1], how=&lt;b&gt;)</summary>" in text
     lines = [line for line in text.splitlines() if line.startswith("| ")]
     assert [line.replace("\\|", "").count("|") for line in lines] == [6] * 3 + [9] * 3
+
+
+def test_a_split_may_be_called_like_a_path(tmp_path):
+    rows = [full_row("größe", [1.0], scene=f"room{number}") for number in range(2)]
+    runs = [store_run(tmp_path / name, rows, split=split) for name, split in (("a", "area/1"), ("b", "area 1"))]
+    publish(board_of_runs("b", runs), tmp_path / "board")
+    assert len(list((tmp_path / "board").rglob("*_by_level.svg"))) == 2
+    assert "größe" in (tmp_path / "board" / "leaderboard.csv").read_text(encoding="utf-8")
+
+
+def test_samples_beyond_number_are_left_out_of_the_page():
+    few, many = {(0, 0): [1.0, 2.0]}, {(0, 0): [0.0] * 65_536}
+    packed = _samples({0: few, 1: many}, (1, 1), 2)
+    assert packed[0] is not None and packed[1] is None
 
 
 def test_figures_are_svg_with_every_completer(published):

@@ -27,6 +27,11 @@ def test_samples_of_all_cases_are_pooled():
     assert line["median_low"] <= 3.0 <= line["median_high"]
 
 
+def test_small_numbers_keep_their_digits():
+    (line,) = json.loads(json.dumps(records(summarize([result_row("a", [1.23456789e-12])]))))
+    assert line["mean"] == 1.23456789e-12
+
+
 def test_a_case_without_samples_was_not_measured_and_takes_no_bold():
     rows = [result_row(name, [1.0], scene=scene) for scene in "xy" for name in "ab"]
     rows += [result_row("a", [0.5], scene="z"), result_row("b", [], scene="z"), result_row("b", [], scene="w")]

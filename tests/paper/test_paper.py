@@ -158,6 +158,11 @@ def test_rows_of_another_run_count_where_the_code_is_the_same(paper) -> None:
     )
     assert other.exit_code == 0 and "9 rows are taken from earlier" in other.stderr, "references' code is the same"
 
+    facts.write_text(re.sub(r'("name": "tiny",.*?"code": ")\w+', r"\1of yesterday", facts.read_text(), flags=re.S))
+    more = ["--dataset", "tiny", "--jobs", "1", "--out", "data", "--take-from", "earlier"]
+    other = CliRunner().invoke(app, ["paper", "boxes.toml", *more])
+    assert other.exit_code == 0 and "are taken from" not in other.stderr, "they are of other data"
+
 
 @pytest.mark.parametrize(
     ("old", "new", "message"),

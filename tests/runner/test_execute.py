@@ -127,7 +127,8 @@ def test_a_completer_that_fails_costs_its_own_rows(run_rows, how, status, error)
 @pytest.mark.parametrize(
     ("how", "error"),
     [
-        ("nan", "1 of 2 samples of 'value' not finite"),
+        ("nan", "1 of 2 samples of 'value' are not finite"),
+        ("huge", "1 of 2 samples of 'value' are not finite, or beyond 1e+300"),
         ("undeclared", "'vaule', which its `metrics` do not declare"),
         ("shape", "must be a sequence of numbers"),
         ("text", "samples of 'value' are not numbers"),

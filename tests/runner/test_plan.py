@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -135,6 +136,23 @@ def test_whatever_a_data_set_raises_is_one_line(monkeypatch, method):
     with pytest.raises(PluginError) as caught:
         plan(replace(TINY, dataset="tiny:there"))
     assert str(caught.value) == told
+
+
+@pytest.mark.parametrize(
+    ("method", "value", "message"),
+    [
+        ("digest", b"0", r"digest\(\) must give a text that is not empty, not b'0'"),
+        ("digest", "", r"digest\(\) must give a text that is not empty, not ''"),
+        ("environment", None, r"environment\(\) must give a text that is not empty, not None"),
+        ("scene_names", [Path("a.ply")], r"scene_names\(\) must give a text that is not empty, not PosixPath"),
+        ("draws", 0, r"draws\(\) must return a whole number from 1 on, not 0"),
+        ("draws", 2.0, r"draws\(\) must return a whole number from 1 on, not 2.0"),
+    ],
+)
+def test_what_a_data_set_says_is_checked_before_anything_runs(monkeypatch, method, value, message):
+    monkeypatch.setattr(registry().get("dataset", "tiny").load(), method, lambda self, *_: value)
+    with pytest.raises(PluginError, match=f"^data set 'tiny': {message}"):
+        plan(TINY)
 
 
 def learned(monkeypatch, card, weights="0" * 64):

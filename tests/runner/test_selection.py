@@ -1,6 +1,6 @@
 """Options are checked before anything runs, and an error names the option and its cure."""
 
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 import pytest
 from pydantic import Field, model_validator
@@ -86,6 +86,8 @@ class Various(Options):
     few: tuple[str, ...] | None = None
     on: bool = False
     some: Annotated[list[int], Field(min_length=2)] | None = None
+    side: Literal[4, 8, "all"] = 4
+    edge: Literal[1, 2] | None = None
 
 
 @pytest.mark.parametrize(
@@ -102,13 +104,19 @@ class Various(Options):
         ("some", "1,2", [1, 2]),
         ("some", "None", None),
         ("on", "true", True),
+        ("side", "8", 8),
+        ("side", "all", "all"),
+        ("edge", "2", 2),
+        ("edge", "None", None),
     ],
 )
 def test_sequences_and_none_are_typed_as_show_prints_them(key, text, value):
     assert getattr(checked_options("various", Various, {key: text}), key) == value
 
 
-@pytest.mark.parametrize(("key", "text"), [("pair", "3"), ("pair", "3,x"), ("many", "1,,x"), ("on", "maybe")])
+@pytest.mark.parametrize(
+    ("key", "text"), [("pair", "3"), ("pair", "3,x"), ("many", "1,,x"), ("on", "maybe"), ("side", "16")]
+)
 def test_bad_members_of_sequences_name_the_option_and_all_of_its_text(key, text):
     with pytest.raises(PcdbenchError, match=rf"--option various\.{key}={text}: "):
         checked_options("various", Various, {key: text})

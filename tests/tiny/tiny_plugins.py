@@ -348,7 +348,7 @@ class Blind(Task):
 
 class Wrong(Task):
     class Options(pcdbench.Options):
-        how: Literal["nan", "undeclared", "shape", "text", "none", "trace", "labels"] = "nan"
+        how: Literal["nan", "huge", "undeclared", "shape", "text", "none", "trace", "labels"] = "nan"
 
     options: Options
     metrics = (Metric("value", "m", "lower", "whatever"),)
@@ -356,6 +356,7 @@ class Wrong(Task):
     def evaluate(self, case: Case, completed: PointCloud, rng: np.random.Generator) -> Measurements:
         return {
             "nan": Measurements({"value": [1.0, float("nan")]}),
+            "huge": Measurements({"value": [1.0, sys.float_info.max]}),
             "undeclared": Measurements({"vaule": [1.0]}),
             "shape": Measurements({"value": 1.0}),  # type: ignore[dict-item]
             "text": Measurements({"value": ["far"]}),  # type: ignore[list-item]
