@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, diags_array
 from scipy.sparse.linalg import cg
+from scipy.spatial import cKDTree
 
-from pcdbench.geometry.neighbors import loose_tree, nearest
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.threads import thread_count
 
 NEIGHBORS = 8
@@ -87,6 +88,7 @@ def colors_around(
     colors: NDArray[np.float32],
     spacing_m: float,
     predicted: NDArray[np.float32] | None = None,
+    tree: cKDTree | None = None,
 ) -> NDArray[np.float32]:
     """(Q, 3) colours of new points, from the observed ones around and those that a network predicts.
 
@@ -100,8 +102,10 @@ def colors_around(
         colors: (N, 3) in [0, 1].
         spacing_m: of the observed points.
         predicted: (Q, 3); where there are none the continuation goes on.
+        tree: of the observed points, where there is one already.
     """
-    distances, rows = nearest(new_points, points)
+    tree = loose_tree(points) if tree is None else tree
+    distances, rows = tree.query(new_points, workers=thread_count())
 
     def fading(reach: float) -> NDArray[np.float32]:
         return np.exp(-distances / (reach * spacing_m)).astype(np.float32)[:, None]

@@ -62,6 +62,7 @@ def spread_evenly(
     neighbors: int,
     jitters: int,
     reach: float = 1.0,
+    tree: cKDTree | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Points evenly spread over the surface that places lie on, no nearer to one another and to any observed point.
 
@@ -76,6 +77,7 @@ def spread_evenly(
         neighbors: how many a plane is fitted to.
         jitters: candidates a place.
         reach: how far about candidates lie, in spacings.
+        tree: of the observed points, where there is one already.
 
     Returns:
         (K, 3) the points, and (K,) the rows of the places they came from.
@@ -89,6 +91,6 @@ def spread_evenly(
     heights = np.einsum("jni,ni->jn", candidates - center, normals)
     candidates = (candidates - heights[..., None] * normals).reshape(-1, 3)
     everything = np.concatenate([observed, candidates])
-    rows = apart_indices(everything, apart_spacings * spacing_m, rng, fixed=len(observed))[len(observed) :]
-    chosen = rows - len(observed)
+    rows = apart_indices(everything, apart_spacings * spacing_m, rng, fixed=len(observed), tree=tree)
+    chosen = rows[len(observed) :] - len(observed)
     return candidates[chosen], chosen % len(places)

@@ -33,6 +33,7 @@ from pcdbench.case import Case, make_case
 from pcdbench.dataset import Dataset
 from pcdbench.datasets.clouds import Clouds
 from pcdbench.datasets.synthetic import Indoor
+from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.incompletenesses.holes import Holes
 from pcdbench.training.validation import capped_chd
 
@@ -88,7 +89,8 @@ def reliability(measured: list[Case]) -> NDArray[np.float64]:
         cloud = frame.laid(case.cloud)
         spacing_m = surface_spacing(cloud.points)
         grid = Grid.around(cloud.points, VOXEL_SPACINGS * spacing_m)
-        found = unobserved(predict(completer._network, cloud, grid, LEAST_LIKELY), cloud, grid, spacing_m)
+        found = predict(completer._network, cloud, grid, LEAST_LIKELY)
+        found = unobserved(found, loose_tree(cloud.points), grid, spacing_m)
         found = given_what_is_missing(found, cloud, grid)
         dense = frame.laid(case.scene.dense).points
         shape = 2 * np.array(grid.shape)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.spatial import cKDTree
 
 import pcdbench
 from pcdbench.geometry.neighbors import loose_tree
@@ -33,7 +34,7 @@ JITTERS = 4  # candidates a sub-voxel: what blue noise chooses from
 UNOBSERVED = 0.9  # spacings from any observed point from which on nothing was observed
 LEAST_LIKELY = 0.05  # what is less likely is empty space, most of it, and says nothing of how much is missing
 # Unobserved surface over observed, both in sub-voxels, at which the network's probabilities come out right (on `val`).
-USUAL_SHARE = 0.44
+USUAL_SHARE = 0.6
 MAX_SHIFT = 3.0  # by what odds are multiplied, or divided, at most: one small hole in a whole room is a hole, too
 # Darts keep apart by the square root of this, in spacings: with so many candidates a floor gets its own density back
 # (measured: within 3 %). With more candidates darts could keep farther apart, at more cost.
@@ -54,7 +55,7 @@ class VoxelUNetCompleter(LearnedCompleter):
         )
 
     options: Options
-    version = "7"
+    version = "8"
     trainee = "pcdbench_completers.voxel_unet.trainee:VoxelUNetTrainee"
 
     def __init__(
@@ -90,19 +91,22 @@ class VoxelUNetCompleter(LearnedCompleter):
         threshold = self.options.threshold
         may_pass = threshold / (threshold + MAX_SHIFT * (1 - threshold))
         found = predict(self._network, local, grid, min(LEAST_LIKELY, may_pass), BEYOND * spacing_m)
-        found = given_what_is_missing(unobserved(found, local, grid, spacing_m), local, grid)
+        tree = loose_tree(local.points)
+        found = given_what_is_missing(unobserved(found, tree, grid, spacing_m), local, grid)
         found = found.select(found.probability > threshold)
-        added, confidence = surface_points(local, found, spacing_m, rng)
+        added, confidence = surface_points(local, tree, found, spacing_m, rng)
         both = np.concatenate([np.ones(len(cloud), np.float32), confidence])
         return pcdbench.PointCloud.concatenate([cloud, frame.back(added)]), both
 
 
-def unobserved(found: Prediction, cloud: pcdbench.PointCloud, grid: Grid, spacing_m: float) -> Prediction:
-    """The part of a prediction that lies where nothing was observed, and among what was: not outside of the prism."""
+def unobserved(found: Prediction, tree: cKDTree, grid: Grid, spacing_m: float) -> Prediction:
+    """The part of a prediction that lies where nothing was observed, and among what was: not outside of the prism.
+
+    Args:
+        tree: of the observed points.
+    """
     found = found.select(grid.prism.depth(found.points) > -BEYOND * spacing_m)
-    away, _ = loose_tree(cloud.points).query(
-        found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count()
-    )
+    away, _ = tree.query(found.points, distance_upper_bound=UNOBSERVED * spacing_m, workers=thread_count())
     return found.select(np.isinf(away))
 
 
@@ -122,17 +126,28 @@ def given_what_is_missing(found: Prediction, cloud: pcdbench.PointCloud, grid: G
 
 
 def surface_points(
-    cloud: pcdbench.PointCloud, found: Prediction, spacing_m: float, rng: np.random.Generator
+    cloud: pcdbench.PointCloud, tree: cKDTree, found: Prediction, spacing_m: float, rng: np.random.Generator
 ) -> tuple[pcdbench.PointCloud, NDArray[np.float32]]:
     """Points on the predicted surface, as dense as the observed ones and apart from them.
+
+    Args:
+        cloud: what was observed, near the origin.
+        tree: of its points.
 
     Returns:
         The M added points, and the (M,) probability of the sub-voxels they came from.
     """
     added, source = spread_evenly(
-        found.points, cloud.points, spacing_m, float(np.sqrt(DISK_AREAS)), rng, neighbors=NEIGHBORS, jitters=JITTERS
+        found.points,
+        cloud.points,
+        spacing_m,
+        float(np.sqrt(DISK_AREAS)),
+        rng,
+        neighbors=NEIGHBORS,
+        jitters=JITTERS,
+        tree=tree,
     )
     if cloud.colors is None:
         return pcdbench.PointCloud(added), found.probability[source]
-    colors = colors_around(added, cloud.points, cloud.colors, spacing_m, found.colors[source])
+    colors = colors_around(added, cloud.points, cloud.colors, spacing_m, found.colors[source], tree)
     return pcdbench.PointCloud(added, colors), found.probability[source]

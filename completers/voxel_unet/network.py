@@ -15,7 +15,7 @@ from pcdbench.training.precision import bfloat16_pays
 
 from .grid import CHANNELS
 
-WIDTHS = (16, 32, 64, 128, 256)
+WIDTHS = (16, 32, 96, 192, 256)
 OUTPUTS = 7  # occupancy logit, offset (3), colour (3)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from pcdbench.geometry.neighbors import loose_tree
 from pcdbench.threads import thread_count
@@ -75,33 +76,39 @@ def own_numbers(points: NDArray) -> NDArray[np.uint64]:
 
 
 def apart_indices(
-    points: NDArray[np.float64], radius: float, rng: np.random.Generator, fixed: int = 0
+    points: NDArray[np.float64],
+    radius: float,
+    rng: np.random.Generator,
+    fixed: int = 0,
+    tree: cKDTree | None = None,
 ) -> NDArray[np.int64]:
     """(M,) sorted rows of `points`, no two of which are nearer than `radius`, and to which no other row can be added.
 
     Dart throwing with random priorities around points that are there already.
 
     Args:
-        points: (N, 3) metres.
+        points: (N, 3) metres; near the origin where there is a tree.
         radius: metres.
         rng: decides the priorities.
         fixed: the first so many rows are taken in any case, however near they are to each other.
+        tree: of these, where there is one already.
     """
     free = fixed + rng.permutation(len(points) - fixed)
     if not len(free):
         return np.arange(len(points), dtype=np.int64)
-    centered = np.asarray(points, np.float64) - points.mean(axis=0)
-    taken = np.arange(fixed, dtype=np.int64)
+    centered = points if tree is not None else np.asarray(points, np.float64) - points.mean(axis=0)
+    trees = [loose_tree(centered[:fixed]) if tree is None else tree] if fixed else []
+    parts = []
     # In order of priority, a part at a time: most of the later ones are too near to what the first have taken.
     for some in np.split(free, [len(free) // 8, len(free) // 3]):
-        if len(taken):
-            nearest, _ = loose_tree(centered[taken]).query(
-                centered[some], distance_upper_bound=radius, workers=thread_count()
-            )
+        for taken in trees:
+            nearest, _ = taken.query(centered[some], distance_upper_bound=radius, workers=thread_count())
             some = some[nearest >= radius]
         winner, loser = _pairs(centered[some], radius)
-        taken = np.concatenate([taken, some[_greedy(winner, loser, np.zeros(len(some), np.bool_))]])
-    return np.concatenate([taken[:fixed], np.sort(taken[fixed:])])
+        added = some[_greedy(winner, loser, np.zeros(len(some), np.bool_))]
+        parts.append(added)
+        trees.append(loose_tree(centered[added]))
+    return np.concatenate([np.arange(fixed, dtype=np.int64), np.sort(np.concatenate(parts))])
 
 
 def _dart_throwing(points: NDArray[np.float64], count: int, radius: float) -> NDArray[np.int64]:
