@@ -103,19 +103,18 @@ def apart_indices(
         known = loose_tree(centered[:fixed]) if tree is None else tree
         nearest, _ = known.query(centered[fixed:], distance_upper_bound=radius, workers=thread_count())
         apart[fixed:] = nearest >= radius
-    trees: list[cKDTree] = []
-    parts = []
+    taken = np.empty(0, np.int64)
     # In order of priority, a part at a time: most of the later ones are too near to what the first have taken.
     for some in np.split(free, [len(free) // 8, len(free) // 3]):
         some = some[apart[some]]
-        for taken in trees:
-            nearest, _ = taken.query(centered[some], distance_upper_bound=radius, workers=thread_count())
+        if len(taken):
+            nearest, _ = loose_tree(centered[taken]).query(
+                centered[some], distance_upper_bound=radius, workers=thread_count()
+            )
             some = some[nearest >= radius]
         winner, loser = _pairs(centered[some], radius)
-        added = some[_greedy(winner, loser, np.zeros(len(some), np.bool_))]
-        parts.append(added)
-        trees.append(loose_tree(centered[added]))
-    return np.concatenate([np.arange(fixed, dtype=np.int64), np.sort(np.concatenate(parts))])
+        taken = np.concatenate([taken, some[_greedy(winner, loser, np.zeros(len(some), np.bool_))]])
+    return np.concatenate([np.arange(fixed, dtype=np.int64), np.sort(taken)])
 
 
 def _dart_throwing(points: NDArray[np.float64], count: int, radius: float) -> NDArray[np.int64]:
